@@ -113,7 +113,11 @@ def test_delays_count_from_the_sensor_that_is_taken_away():
 def test_an_effect_is_tried_for_the_details_of_one_that_it_resembles_and_no_other():
     alike = {"joint_friction": {"joint_friction": 1.0, "muscle_hysteresis": 0.9, "viscous_friction": 0.1}}
     alike["joint_friction"]["force_map_misfit"] = 0.95  # a shape correction is no other effect
-    problem = SimpleNamespace(system=SimpleNamespace(shapes=("force_map_misfit",)))
+    alike["joint_friction"]["valve_lag"] = 0.97  # nor what changes another equation
+    problem = SimpleNamespace(
+        system=SimpleNamespace(shapes=("force_map_misfit",)),
+        replay=SimpleNamespace(touched=lambda name: {"gas" if name == "valve_lag" else "torque"}),
+    )
     found = SimpleNamespace(alike=alike, final=SimpleNamespace(effects=("joint_friction",)), problem=problem)
     assert second_chance._alike_pairs(found, ["joint_friction"]) == [("joint_friction", "muscle_hysteresis")]
     found.final.effects = ("joint_friction", "muscle_hysteresis")

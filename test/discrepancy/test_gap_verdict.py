@@ -559,6 +559,7 @@ def test_only_a_system_with_pressures_is_asked_for_absolute_ones(bench):
     assert said.endswith("check units, zeros (absolute pressure?) and calibration first")
     carriage = replace(bench.system, channels=bench.system.channels[:1])
     assert verdict._strain(carriage, {"mass": 20.0}).endswith("check units, zeros and calibration first")
+    assert verdict._strain(carriage, {"mass": 20.0}, explained=True).endswith("mass +20.0")
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,21 @@ def test_friction_is_named_measured_and_closes_the_gap(friction):
     assert friction.before.units["angle"] > 3 * friction.after.units["angle"]
 
 
+BOTH = {
+    "plant__effects__joint_friction__enabled": True, "plant__effects__joint_friction__coulomb": 0.8,
+    "plant__effects__muscle_hysteresis__enabled": True,
+}  # fmt: skip
+
+
+def test_friction_and_hysteresis_are_named_apart(bench):
+    outcome = search(bench, **BOTH)
+    assert outcome.verdict == "explained"
+    named = {one.name: one.parameters for one in outcome.effects}
+    assert set(named) == {"joint_friction", "muscle_hysteresis"}
+    assert named["joint_friction"]["coulomb"][0] == pytest.approx(0.8, rel=0.1)
+    assert named["muscle_hysteresis"]["half_width"][0] == pytest.approx(12.0, rel=0.1)
+
+
 def test_one_process_gives_the_same_answer_to_the_last_digit(bench, friction):
     """That of `friction` was found by two."""
     alone = search(bench, Replay(bench.system, Workers(1)), **FRICTION)
@@ -527,16 +542,19 @@ def test_what_does_as_well_beside_an_effect_is_told_with_both_sizes(friction, be
     values = {**friction.selection.final.values, "muscle_hysteresis.half_width": 12.0}
     both = {"joint_friction": {"muscle_hysteresis": {**values, "joint_friction.coulomb": 0.4}}}
     found, settings = replace(friction.selection, both=both), bench.parameters.gap.evidence
-    deviation = np.ones(len(found.final.free))
+    deviation = np.full(len(found.final.free), 1e-3)
     (one,) = (findings.named_effect(bench.system, found, deviation, "joint_friction", settings),)
     assert one.look_alikes == ("muscle_hysteresis",)
+    assert one.parameters["coulomb"][2] == 0.4  # its interval holds that size too
     reported = replace(friction, effects=(one,), look_alikes=one.look_alikes)
     said = "separate it from: muscle_hysteresis; with muscle_hysteresis (12 N) it is 0.4 N m, which explains"
     assert said in describe(reported)
-    assert last_line(reported) == "EXPLAINED by joint friction (or with muscle hysteresis)"
+    assert last_line(reported) == "EXPLAINED by joint friction (or 0.4 N m with muscle hysteresis)"
     assert as_dict(reported)["effects"][0]["with_both"] == {
         "muscle_hysteresis": [{"value": 0.4, "unit": "N m"}, {"value": 12.0, "unit": "N"}]
     }
+    dropped = replace(found, both={}, dropped=["parallel_elasticity", "valve_lag"])
+    assert findings._taken_by(dropped, "force_map_misfit") == ["parallel_elasticity"]
     named = replace(found, final=replace(found.final, effects=("joint_friction", "muscle_hysteresis")))
     assert "muscle_hysteresis" not in findings._look_alikes(named, "joint_friction", settings)
 

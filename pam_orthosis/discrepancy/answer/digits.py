@@ -12,3 +12,13 @@ def digits(lower: float, upper: float, fewest: int) -> int:
     if not 0 < width < largest:
         return fewest
     return min(max(fewest, 1 + math.ceil(math.log10(largest / width))), MOST_DIGITS)
+
+
+def in_short(size: tuple[float, str]) -> str:
+    """Return a number with its unit, in few digits."""
+    return f"{size[0]:.3g}{of_unit(size[1])}"
+
+
+def of_unit(unit: str) -> str:
+    """Return a unit as it follows a number: a pure number has none."""
+    return "" if unit in ("-", "1") else f" {unit}"

@@ -4,6 +4,7 @@
 from collections.abc import Mapping
 
 from pam_orthosis.discrepancy.answer.between import stamped_late
+from pam_orthosis.discrepancy.answer.digits import in_short
 from pam_orthosis.discrepancy.answer.judgement import (
     FAR_STRAIN,
     NEAR,
@@ -59,7 +60,7 @@ def last_line(outcome: Outcome) -> str:
         "none": _none(outcome) if outcome.verdict == "none" else "",
         "recalibrated": _recalibrated(outcome, names) if outcome.verdict == "recalibrated" else "",
         "explained": f"by {names}",
-        "partial": f"{names} {much}; {left}{bent}",
+        "partial": f"{names} {much}; {left}{bent}{_nearest(outcome)}",
         "described": _described(outcome, names),
         "unexplained": _unexplained(outcome, left, bent),
     }[outcome.verdict]
@@ -95,9 +96,12 @@ def _recalibrated(outcome: Outcome, names: str) -> str:
 
 
 def _nearest(outcome: Outcome) -> str:
-    """Return the best effect of a search that named none, if it came near, and what it lacks."""
-    near = [(*one, step.reason) for step in outcome.steps[:1] for one in step.ranked[:1] if one[1] >= NOTABLE]
-    return "".join("; nearest to a name is {} (evidence {:.0f}): {}".format(*one) for one in near)
+    """Return the best effect of the rounds after what is named, if it came near, and what it lacks."""
+    steps, named = list(outcome.steps), {one.name for one in outcome.effects}
+    last = max((k for k, step in enumerate(steps) if step.accepted in named), default=-1)
+    near = [(*one, step.reason) for step in steps[last + 1 :] for one in step.ranked[:1]]
+    best = max(near, key=lambda one: one[1], default=("", 0.0, ""))
+    return "; nearest to a name is {} (evidence {:.0f}): {}".format(*best) if best[1] >= NOTABLE else ""
 
 
 def _none(outcome: Outcome) -> str:
@@ -147,7 +151,9 @@ def _described(outcome: Outcome, names: str) -> str:
 def with_rivals(system: System, one: Named) -> str:
     """Return what was found, with what the recordings do not separate from it."""
     rivals = [
-        f"or {'with ' if name in one.both else ''}{_title(system, name)}"
+        f"or {in_short(one.both[name][0])} with {_title(system, name)}"
+        if name in one.both
+        else f"or {_title(system, name)}"
         for name in one.look_alikes[:MOST_RIVALS]
     ]
     return _title(system, one.name) + (f" ({', '.join(rivals)})" if rivals else "")

@@ -4,8 +4,8 @@
 from collections.abc import Mapping, Sequence
 
 from pam_orthosis.discrepancy.answer.curves import curves, in_words
-from pam_orthosis.discrepancy.answer.digits import digits
-from pam_orthosis.discrepancy.answer.judgement import Outcome, beyond
+from pam_orthosis.discrepancy.answer.digits import digits, in_short, of_unit
+from pam_orthosis.discrepancy.answer.judgement import GOOD, Outcome, beyond
 from pam_orthosis.discrepancy.answer.last_line import far, last_line, off_words
 from pam_orthosis.discrepancy.answer.unknown_words import unknown_words
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise
@@ -206,16 +206,7 @@ def _wrong(system: System, one: Named) -> str:
 
 def _with_interval(value: float, unit: str, lower: float, upper: float, more: str = "") -> str:
     shown = digits(lower, upper, FEWEST_DIGITS)
-    return f"{value:.{shown}g}{_unit(unit)} ({lower:.{shown}g} .. {upper:.{shown}g}{more})"
-
-
-def _short(size: tuple[float, str]) -> str:
-    return f"{size[0]:.3g}{_unit(size[1])}"
-
-
-def _unit(unit: str) -> str:
-    """Return a unit as it follows a number: a pure number has none."""
-    return "" if unit in ("-", "1") else f" {unit}"
+    return f"{value:.{shown}g}{of_unit(unit)} ({lower:.{shown}g} .. {upper:.{shown}g}{more})"
 
 
 def _certainty(value: float, _unit: str, lower: float, upper: float) -> float:
@@ -230,7 +221,7 @@ def _others(outcome: Outcome) -> list[str]:
     if not outcome.look_alikes and outcome.runner_up is not None:
         lines.append(runner_up_words(*outcome.runner_up))
     if outcome.strained:
-        lines.append(_strain(outcome.system, outcome.strained))
+        lines.append(_strain(outcome.system, outcome.strained, outcome.verdict in GOOD))
     return lines
 
 
@@ -248,14 +239,14 @@ def _alike(one: Named, several: bool) -> list[str]:
 def _holds(one: Named) -> str:
     """Return when the size of an effect holds beside those that resemble it, or what it is with them."""
     together = [
-        f"with {other} ({_short(theirs)}) it is {_short(own)}, which explains as much"
+        f"with {other} ({in_short(theirs)}) it is {in_short(own)}, which explains as much"
         for other, (own, theirs) in one.both.items()
     ]
     return ", ".join(together) or "the size holds if nothing of that is there too"
 
 
-def _strain(system: System, strained: Mapping[str, float]) -> str:
+def _strain(system: System, strained: Mapping[str, float], explained: bool = False) -> str:
     listed = ", ".join(f"{name} {value:+.1f}" for name, value in strained.items())
     said = f"nuisance parameters outside their tolerance (multiples of it): {listed}"
     zeros = "zeros (absolute pressure?)" if any(one.unit == "Pa" for one in system.channels) else "zeros"
-    return f"{said}; check units, {zeros} and calibration first" if far(strained) else said
+    return f"{said}; check units, {zeros} and calibration first" if far(strained) and not explained else said

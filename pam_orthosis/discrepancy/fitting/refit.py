@@ -145,11 +145,15 @@ def details_of(system: System, name: str) -> dict[str, float]:
     return {f"{name}.{q.name}": q.typical for q in system.catalogue[name].parameters if not q.fitted}
 
 
-def without_details(problem: Problem, base: Fit, details: Values, name: str) -> tuple[Problem, Fit]:
-    """Return the model with an effect in place of another one's details, which stay as they usually are."""
-    effects, known = (*base.effects, name), {*base.values}
+def without_details(
+    problem: Problem, base: Fit, details: Values, name: str | None = None
+) -> tuple[Problem, Fit]:
+    """Return the model with an effect's details as they usually are, and perhaps another in their place."""
+    added = (name,) if name else ()
+    effects, known = (*base.effects, *added), {*base.values}
     typical = {k: v for k, v in problem.replay.defaults(effects).items() if k not in known}
-    free = [one for one in base.free if one.name not in details] + of_effect(problem.system, name)
+    free = [one for one in base.free if one.name not in details]
+    free += [one for own in added for one in of_effect(problem.system, own)]
     return fit_tempered(problem, effects, {**base.values, **details, **typical}, free)
 
 

@@ -3,13 +3,14 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 from pam_orthosis.discrepancy.fitting.fit import Fit, fit, fit_tempered, held, score
 from pam_orthosis.discrepancy.fitting.free import free_parameters, scales_of
-from pam_orthosis.discrepancy.fitting.refit import details_of, refined_in
+from pam_orthosis.discrepancy.fitting.refit import better, details_of, refined_in, without_details
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search import quiet, selection
-from pam_orthosis.discrepancy.search.confirmation import emptied
+from pam_orthosis.discrepancy.search.confirmation import emptied, weighed
 from pam_orthosis.discrepancy.search.findings import covariance, deviations, interval
 from pam_orthosis.discrepancy.search.selection import Selection
 from pam_orthosis.discrepancy.systems.system import Values
@@ -29,7 +30,36 @@ def eliminate_weak(found: Selection, settings: Section, progress: Progress) -> N
         else:
             return
         progress(f"dropped {weakest}: {reason}")
+        found.dropped.append(weakest)
         _drop(found, weakest, losses)
+
+
+def make_plain(found: Selection, progress: Progress) -> None:
+    """Give details that earn nothing their usual values: a fit that has found odd ones does not come back."""
+    problem, system = found.final_problem, found.problem.system
+    if not (refined := refined_in(system, found.final)):
+        return
+
+    def plain(name: str) -> tuple[Values, Fit]:
+        start = replace(found.final, values={**found.final.values, **_as_usual(problem, name)})
+        fits = [without_details(problem, one, details_of(system, name)) for one in (found.final, start)]
+        weighted, model = better(problem, fits)
+        return weighted.weights, model
+
+    tried = problem.replay.workers.forked(
+        plain, refined, problem.replay, progress, f"trying {', '.join(refined)} without details"
+    )
+    judged = weighed(problem, found.final, [(problem.weighted(weights), model) for weights, model in tried])
+    evidence, weighted, model = max(judged, key=lambda one: one[0])
+    if evidence > 0:
+        found.final_problem, found.final = weighted, model
+        make_plain(found, progress)
+
+
+def _as_usual(problem: Problem, name: str) -> Values:
+    return {
+        key: value for key, value in problem.replay.defaults((name,)).items() if key.startswith(f"{name}.")
+    }
 
 
 def _losses(found: Selection, progress: Progress) -> dict[str, tuple[float, Fit]]:

@@ -73,7 +73,8 @@ class Named:
 
     `look_alikes` are effects that nothing separated from it when it was added, `separated_by` the experiments
     that would; `both` its size beside a look-alike that does as well with it, and that one's, with their
-    units. `at_bound` are parameters that a fit would take farther than they may go.
+    units: its interval holds that size too. `at_bound` are parameters that a fit would take farther than they
+    may go.
     """
 
     name: str
@@ -111,6 +112,10 @@ def named_effect(
         for other, values in found.both.get(name, {}).items()
         if other in alike
     }
+    for (beside, _), _ in both.values():  # the interval of a size holds what it may be with another effect
+        size = effect.fitted[0].name
+        value, unit, lower, upper = parameters[size]
+        parameters[size] = value, unit, min(lower, beside), max(upper, beside)
     return Named(name, system.equation_of(name), parameters, found.evidence[name], bound, alike, apart, both)
 
 
@@ -168,8 +173,17 @@ def _look_alikes(found: Selection, name: str, settings: Section) -> tuple[str, .
     share = 0.0 if name in found.problem.system.wrong else settings.ambiguous_share
     near = max(settings.ambiguous, share * own)
     alike = [other for other, evidence in others if own - evidence < near]
-    both = [other for other in found.both.get(name, {}) if other not in found.final.effects]
+    first = [
+        *found.both.get(name, {}),
+        *(_taken_by(found, name) if name in found.problem.system.shapes else ()),
+    ]
+    both = [other for other in first if other not in found.final.effects]
     return tuple(dict.fromkeys([*both, *alike]))
+
+
+def _taken_by(found: Selection, shape: str) -> list[str]:
+    """Return the effects that were dropped and may be what a shape correction does in their place."""
+    return [name for name in found.dropped if _meet(found.problem, shape, name)]
 
 
 def in_all(system: System, one: Named) -> str:

@@ -142,9 +142,15 @@ def _details(found: Selection) -> dict[str, dict[str, float]]:
 
 
 def _alike_pairs(found: Selection, refined: Collection[str]) -> list[tuple[str, str]]:
-    """Return effects whose details are free, each with the one that would have done nearly as well."""
-    known = {*found.final.effects, *found.problem.system.shapes}
-    others = {one: {n: s for n, s in found.alike[one].items() if n not in known} for one in refined}
+    """Return effects whose details are free, each with the one that would have done nearly as well.
+
+    What changes other equations alone was nearly as good for another reason.
+    """
+    known, touched = {*found.final.effects, *found.problem.system.shapes}, found.problem.replay.touched
+    others = {
+        one: {n: s for n, s in found.alike[one].items() if n not in known and touched(one) & touched(n)}
+        for one in refined
+    }
     best = {one: max(shares, key=lambda name: shares[name]) for one, shares in others.items() if shares}
     return [(one, name) for one, name in best.items() if others[one][name] > ALIKE]
 

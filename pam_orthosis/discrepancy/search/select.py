@@ -23,7 +23,7 @@ from pam_orthosis.discrepancy.search import selection
 from pam_orthosis.discrepancy.search.acceptance import accepted
 from pam_orthosis.discrepancy.search.confirmation import ranking, weighed
 from pam_orthosis.discrepancy.search.delays import or_for_delays
-from pam_orthosis.discrepancy.search.elimination import eliminate_weak
+from pam_orthosis.discrepancy.search.elimination import eliminate_weak, make_plain
 from pam_orthosis.discrepancy.search.exchange import exchanged
 from pam_orthosis.discrepancy.search.screening import (
     fitted_candidates,
@@ -74,6 +74,7 @@ def extended(
             _added(found, _beside(found, held_out, step, step.apart, settings), progress)
         if (other := exchanged(found, known, held_out, settings, progress)) is not None:
             _added(found, other, progress)
+    make_plain(found, progress)
     eliminate_weak(found, settings, progress)
     found.final = refit.estimated(problem.system, found.final)
     return found

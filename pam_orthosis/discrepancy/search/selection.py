@@ -50,6 +50,7 @@ class Selection:
         alike: effect -> other one -> share of its gain that the other one had where it was added.
         apart: effect -> others, larger ones, in whose silence it was seen too.
         both: effect -> other one that does as well in place of its details -> parameters with both.
+        dropped: effects that had enough evidence before others were added.
         present: effect that the model had before -> the same, and the equations that it changes.
     """
 
@@ -63,6 +64,7 @@ class Selection:
     alike: dict[str, Values] = field(default_factory=dict)
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
     both: dict[str, dict[str, Values]] = field(default_factory=dict)
+    dropped: list[str] = field(default_factory=list)
     present: dict[str, tuple[float, frozenset[str]]] = field(default_factory=dict)
 
     def forget(self, name: str) -> None:
