@@ -3,11 +3,10 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 from pam_orthosis.discrepancy.fitting.fit import Fit, fit, fit_tempered, held, score
 from pam_orthosis.discrepancy.fitting.free import free_parameters, scales_of
-from pam_orthosis.discrepancy.fitting.refit import better, details_of, refined_in, without_details
+from pam_orthosis.discrepancy.fitting.refit import details_of, refined_in, without_details
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search import quiet, selection
 from pam_orthosis.discrepancy.search.confirmation import emptied, weighed
@@ -41,9 +40,7 @@ def make_plain(found: Selection, progress: Progress) -> None:
         return
 
     def plain(name: str) -> tuple[Values, Fit]:
-        start = replace(found.final, values={**found.final.values, **_as_usual(problem, name)})
-        fits = [without_details(problem, one, details_of(system, name)) for one in (found.final, start)]
-        weighted, model = better(problem, fits)
+        weighted, model = without_details(problem, found.final, details_of(system, name))
         return weighted.weights, model
 
     tried = problem.replay.workers.forked(
@@ -54,12 +51,6 @@ def make_plain(found: Selection, progress: Progress) -> None:
     if evidence > 0:
         found.final_problem, found.final = weighted, model
         make_plain(found, progress)
-
-
-def _as_usual(problem: Problem, name: str) -> Values:
-    return {
-        key: value for key, value in problem.replay.defaults((name,)).items() if key.startswith(f"{name}.")
-    }
 
 
 def _losses(found: Selection, progress: Progress) -> dict[str, tuple[float, Fit]]:
