@@ -22,6 +22,7 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.rosbag2 import ReaderError
 from rosbags.typesys import Stores, get_typestore
+from zstandard import ZstdError
 
 from pam_orthosis.bag.topics import Topics, in_leg, resolve
 from pam_orthosis.model.components.spool import VENT
@@ -138,9 +139,12 @@ def summary(rows: Sequence[dict]) -> dict[str, dict]:
 def suffer(forgery: Forgery, folder: Path) -> Ending:
     """Start a run and the stranger, who waits for it unless he is early; look at what is left."""
     folder.mkdir(parents=True, exist_ok=True)
-    bag = folder / "bag"
-    with launch.free_domain() as domain:
+    with launch.free_domain() as domain:  # until the end: an open run claims none for itself
         environment = {**launch.environment(folder, domain), "TMPDIR": str(folder)}
+        return _suffered(forgery, environment, folder / "bag")
+
+
+def _suffered(forgery: Forgery, environment: dict[str, str], bag: Path) -> Ending:
     stranger = _spoken(forgery.command(), environment) if forgery.early else None
     word = stranger.stdout.readline() if stranger else ""  # else he may come when the run is there
     command = [*RUN, "--out", str(bag), *QUICK, *MODES[forgery.mode]]
@@ -187,7 +191,7 @@ def _holds_messages(file: Path) -> bool:
     try:
         with open(file, "rb") as stream:
             return any(isinstance(record, Message) for record in StreamReader(stream).records)
-    except (OSError, McapError):
+    except (OSError, McapError, ZstdError):  # a chunk may be on disk by half
         return False
 
 

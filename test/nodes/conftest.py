@@ -69,9 +69,9 @@ def caller(monkeypatch):
     pytest.importorskip("rclpy")
     from caller import Caller
 
-    domain = 60 + os.getpid() % 40
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(config_folder() / "loopback.xml"))
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    made = Caller(domain)
-    yield made
-    made.close()
+    with free_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        made = Caller(domain)
+        yield made
+        made.close()

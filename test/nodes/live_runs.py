@@ -36,7 +36,9 @@ class LiveRun:
 
     def wait_until_it_records(self):
         """Wait until messages of the bag are on disk."""
-        wait_for(lambda: holds_messages(self.bag / f"{self.bag.name}_0.mcap"))
+        file = self.bag / f"{self.bag.name}_0.mcap"
+        wait_for(lambda: holds_messages(file) or self.process.poll() is not None)
+        assert self.process.poll() is None, self.ended()
 
     def ended(self):
         """Wait for the end; return exit status and what it said last."""
