@@ -4,6 +4,8 @@
 import ast
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -13,6 +15,7 @@ import pam_orthosis.discrepancy as package
 from pam_orthosis.discrepancy.fitting.candidates import Trial, candidate
 from pam_orthosis.discrepancy.fitting.fit import _descended, bounded_step, fit_tempered
 from pam_orthosis.discrepancy.fitting.free import Free, free_parameters
+from pam_orthosis.discrepancy.fitting.linearised import Linearised
 from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.preparation import beginning
 from pam_orthosis.discrepancy.recordings.data import Recording
@@ -260,16 +263,61 @@ def test_where_the_old_way_leads_up_a_fit_takes_a_damped_step():
     """Friction that sticks is flat for a small step and steep for a larger one."""
 
     class Sticking:
-        def residuals(self, _effects, values):
+        def residuals(self, values, _weights):
             return {"torque": np.array([1 - values["x"], 1 + 50 * max(0.0, abs(values["y"]) - 0.02)])}
 
     free = [Free(name, 1.0, -9.0, 9.0, np.inf) for name in ("x", "y")]
     start = {"x": 0.0, "y": 0.0}
     blocks = {"torque": Block(np.array([1.0, 1.0]), -np.eye(2), ("x", "y"))}
-    moved, gained, residuals = _descended(Sticking(), (), start, free, blocks)
+    moved, gained, residuals = _descended(Sticking(), {"torque": 1.0}, start, free, blocks)
     assert gained > 0
     assert 0 < moved["x"] < 0.05
-    np.testing.assert_array_equal(residuals["torque"], Sticking().residuals((), moved)["torque"])
+    np.testing.assert_array_equal(residuals["torque"], Sticking().residuals(moved, {})["torque"])
+
+
+def test_an_equation_that_a_step_hardly_moves_is_not_replayed_and_any_other_is():
+    """What is near is near where it was differentiated last, however many steps ago."""
+
+    class Two:
+        system = SimpleNamespace(equations=[SimpleNamespace(name=name) for name in ("torque", "gas")])
+        replayed: ClassVar[list] = []
+
+        def weighted(self, _weights):
+            return self
+
+        def residuals(self, _effects, values, of):
+            self.replayed += [one.name for one in of]
+            rows = {"torque": [values["x"] ** 2], "gas": [values["bias"] + values["leak.size"]]}
+            return {one.name: np.array(rows[one.name]) for one in of}
+
+        def blocks(self, effects, values, _names, of):
+            slopes = {"torque": [[2 * values["x"]]], "gas": [[1.0, 1.0]]}
+            names = {"torque": ("x",), "gas": ("bias", "leak.size")}
+            rows = self.residuals(effects, values, of)
+            return {one: Block(row, np.array(slopes[one]), names[one]) for one, row in rows.items()}
+
+    free = [Free(name, 1.0, -9.0, 9.0, np.inf) for name in ("bias", "leak.size", "x")]
+    problem, weights = Two(), {"torque": 1.0, "gas": 0.5}
+    line, start = Linearised(problem, ("leak",), free), {"bias": 0.0, "leak.size": 0.0, "x": 1.0}
+    line.blocks(start, {})
+
+    def replayed(weights=weights, **moved):
+        problem.replayed.clear()
+        row = line.residuals({**start, **{key.replace("_", "."): v for key, v in moved.items()}}, weights)
+        return row["gas"][0], list(problem.replayed)
+
+    assert replayed(x=1.2) == (0.0, ["torque"])
+    assert replayed(bias=0.2) == (pytest.approx(0.1), [])
+    assert replayed(bias=0.4) == (pytest.approx(0.2), ["gas"])  # too far
+    assert replayed(leak_size=0.009) == (pytest.approx(0.0045), [])
+    assert replayed(leak_size=0.011) == (pytest.approx(0.0055), ["gas"])  # it might begin to act
+    assert replayed({"torque": 1.0, "gas": 5.0}, bias=0.2) == (1.0, ["gas"])  # its squares change by 1
+    anew = []
+    for bias in (0.2, 0.4, 0.6):
+        problem.replayed.clear()
+        line.blocks({**start, "bias": bias}, weights)
+        anew += problem.replayed
+    assert anew == ["gas"]  # at 0.4, and 0.6 is near that
 
 
 def test_parameters_without_influence_do_not_stop_a_step():

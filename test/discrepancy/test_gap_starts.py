@@ -106,7 +106,7 @@ def test_without_shape_corrections_is_looked_where_these_went_astray(
     problem, null, held_out = sound
     steps = [step(name, problem, null, gain) for name, gain in (("first", first), ("second", second))]
     seen = iter(steps)
-    monkeypatch.setattr(select, "_seen_from", lambda *_: next(seen))
+    monkeypatch.setattr(select, "_seen_from", lambda *_, **__: next(seen))
     monkeypatch.setattr(select, "is_far", lambda _: far)
     monkeypatch.setattr(select, "shapes_astray", lambda *_: astray)
     monkeypatch.setattr(select.refit, "unshaped", lambda *_: (problem, null))

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import welch
 
 from pam_orthosis.discrepancy.fitting.free import Free
+from pam_orthosis.discrepancy.fitting.linearised import Linearised
 from pam_orthosis.discrepancy.replay.problem import Block, Problem, sum_of_squares
 from pam_orthosis.discrepancy.systems.system import Equation, Names, Values
 
@@ -113,15 +114,15 @@ def _solved(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
 def fit(problem: Problem, effects: Names, start: Values, free: Sequence[Free], most: int = MOST_STEPS) -> Fit:
     """Return the fit of all free parameters from a start, with the problem's weights."""
     values: Values = _inside(start, free)
-    names = tuple(one.name for one in free)
-    blocks = problem.blocks(effects, values, names)
+    line, weights = Linearised(problem, effects, free), problem.weights
+    blocks = _weighted(line.blocks(values, weights), weights)
     for step in range(most):
-        values, gained, residuals = _descended(problem, effects, values, free, blocks)
+        values, gained, residuals = _descended(line, weights, values, free, blocks)
         last = gained < ENOUGH or step == most - 1
-        blocks = _with(blocks, residuals) if last else problem.blocks(effects, values, names)
+        blocks = _with(blocks, residuals) if last else _weighted(line.blocks(values, weights), weights)
         if last:
             break
-    return _finished(problem, effects, values, free, blocks)
+    return _finished(effects, values, free, blocks)
 
 
 def fit_tempered(
@@ -131,22 +132,21 @@ def fit_tempered(
     values: Values = _inside(start, free)
     weights: dict[str, float] = {}
     plain = problem.weighted({equation.name: 1.0 for equation in problem.system.equations})
-    names = tuple(one.name for one in free)
-    blocks = plain.blocks(effects, values, names)
+    line = Linearised(problem, effects, free)
+    blocks = line.blocks(values, weights)
     for _ in range(MOST_STEPS):
         wanted = {e.name: misfit(plain, e, blocks[e.name].residual) ** -0.5 for e in plain.system.equations}
         settled = bool(weights) and all(0.85 < wanted[n] / weights[n] < 1.18 for n in wanted)
         weights = weights if settled else wanted
-        problem = plain.weighted(weights)
         weighted = _weighted(blocks, weights)
-        values, gained, residuals = _descended(problem, effects, values, free, weighted)
+        values, gained, residuals = _descended(line, weights, values, free, weighted)
         if gained < ENOUGH:
             blocks = _with(blocks, {name: row / weights[name] for name, row in residuals.items()})
         else:
-            blocks = plain.blocks(effects, values, names)
+            blocks = line.blocks(values, weights)
         if settled and gained < ENOUGH:
             break
-    return problem, _finished(problem, effects, values, free, _weighted(blocks, weights))
+    return plain.weighted(weights), _finished(effects, values, free, _weighted(blocks, weights))
 
 
 def _inside(values: Values, free: Sequence[Free]) -> dict[str, float]:
@@ -166,9 +166,7 @@ def _with(blocks: Mapping[str, Block], residuals: Mapping[str, np.ndarray]) -> d
     return {name: replace(block, residual=residuals[name]) for name, block in blocks.items()}
 
 
-def _finished(
-    problem: Problem, effects: Names, values: Values, free: Sequence[Free], blocks: Mapping[str, Block]
-) -> Fit:
+def _finished(effects: Names, values: Values, free: Sequence[Free], blocks: Mapping[str, Block]) -> Fit:
     hessian, _ = normal_equations(blocks, free, values)
     cost = sum_of_squares({name: block.residual for name, block in blocks.items()}) + prior_cost(free, values)
     samples = sum(len(block.residual) for block in blocks.values())
@@ -176,7 +174,7 @@ def _finished(
 
 
 def _descended(
-    problem: Problem, effects: Names, values: Values, free: Sequence[Free], blocks: Mapping[str, Block]
+    line: Linearised, weights: Values, values: Values, free: Sequence[Free], blocks: Mapping[str, Block]
 ) -> tuple[Values, float, dict[str, np.ndarray]]:
     """Return values of lower cost, by how much, and residuals there; a few steps share derivatives."""
     names = [one.name for one in free]
@@ -195,7 +193,7 @@ def _descended(
             step = bounded_step(hessian, gradient, position, lower, upper, damping)
             wanted = ((position + share * step) * scale).tolist()
             moved = _inside({**values, **dict(zip(names, wanted, strict=True))}, free)
-            fresh = problem.residuals(effects, moved)
+            fresh = line.residuals(moved, weights)
             trial = sum_of_squares(fresh) + prior_cost(free, moved)
             if trial < cost:
                 break

@@ -88,10 +88,13 @@ class Problem:
         """Return the whitened residuals of one equation, all runs and channels in one row."""
         return self._joined(equation, [self._whitened(equation, one, effects, values) for one in self.scored])
 
-    def residuals(self, effects: Names, values: Values) -> dict[str, np.ndarray]:
-        """Return the whitened residuals of all equations."""
-        pieces = self._of_each(lambda equation, one: self._whitened(equation, one, effects, values))
-        return {e.name: self._joined(e, own) for e, own in zip(self.system.equations, pieces, strict=True)}
+    def residuals(
+        self, effects: Names, values: Values, of: Sequence[Equation] | None = None
+    ) -> dict[str, np.ndarray]:
+        """Return the whitened residuals of some equations (all)."""
+        chosen = self.system.equations if of is None else of
+        pieces = self._of_each(chosen, lambda equation, one: self._whitened(equation, one, effects, values))
+        return {e.name: self._joined(e, own) for e, own in zip(chosen, pieces, strict=True)}
 
     def by_run(self, equation: Equation, row: np.ndarray) -> Iterator[tuple[Scored, np.ndarray]]:
         """Yield each run with its part, (channels, samples, ...), of a row of an equation's residuals."""
@@ -101,11 +104,16 @@ class Problem:
             yield one, row[start:end].reshape(count, one.samples, *row.shape[1:])
             start = end
 
-    def blocks(self, effects: Names, values: Values, names: Names) -> dict[str, Block]:
-        """Return residuals and derivatives by those of `names` that matter, of every equation."""
-        pieces = self._of_each(lambda equation, one: self._linearised(equation, one, effects, values, names))
+    def blocks(
+        self, effects: Names, values: Values, names: Names, of: Sequence[Equation] | None = None
+    ) -> dict[str, Block]:
+        """Return residuals and derivatives by those of `names` that matter, of some equations (all)."""
+        chosen = self.system.equations if of is None else of
+        pieces = self._of_each(
+            chosen, lambda equation, one: self._linearised(equation, one, effects, values, names)
+        )
         blocks = {}
-        for equation, own in zip(self.system.equations, pieces, strict=True):
+        for equation, own in zip(chosen, pieces, strict=True):
             weight = self.weights[equation.name]
             blocks[equation.name] = Block(
                 weight * self._chosen(equation, [row for piece in own for row in piece[0]]),
@@ -115,9 +123,11 @@ class Problem:
             )
         return blocks
 
-    def _of_each(self, work: Callable[[Equation, Scored], Piece]) -> list[list[Piece]]:
-        """Return what `work` gives for each run of each equation; the longest ones are begun first."""
-        tasks = [(equation, one) for equation in self.system.equations for one in self.scored]
+    def _of_each(
+        self, equations: Sequence[Equation], work: Callable[[Equation, Scored], Piece]
+    ) -> list[list[Piece]]:
+        """Return what `work` gives for each run of some equations; the longest ones are begun first."""
+        tasks = [(equation, one) for equation in equations for one in self.scored]
         sizes = [len(equation.channels) * one.samples for equation, one in tasks]
         order = sorted(range(len(tasks)), key=lambda i: -sizes[i])
         found = dict(zip(order, self.replay.workers.map(lambda i: work(*tasks[i]), order), strict=True))

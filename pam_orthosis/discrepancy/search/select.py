@@ -166,7 +166,7 @@ def _round(found: Selection, held_out: Problem, settings: Section, progress: Pro
     ):
         return step
     around = refit.unshaped(found.final_problem, found.final, progress)
-    other = _seen_from(around, found, held_out, settings, progress)
+    other = _seen_from(around, found, held_out, settings, progress, patient=step.accepted is None)
     return _better(found, step, other)
 
 
@@ -180,9 +180,17 @@ def _better(found: Selection, one: Step, other: Step) -> Step:
 
 
 def _seen_from(
-    around: tuple[Problem, Fit], found: Selection, held_out: Problem, settings: Section, progress: Progress
+    around: tuple[Problem, Fit],
+    found: Selection,
+    held_out: Problem,
+    settings: Section,
+    progress: Progress,
+    patient: bool = True,
 ) -> Step:
-    """Return the step with the best effect as seen from a model, judged beside what was found."""
+    """Return the step with the best effect as seen from a model, judged beside what was found.
+
+    `patient`: it goes on to what promises less where the best candidates do not keep their promise.
+    """
     near, start = around
     problem, base = found.final_problem, found.final
     if found.evidence or found.present:  # the thresholds ask which equations each effect changes
@@ -194,7 +202,7 @@ def _seen_from(
         return Step(None, None, None, 0.0, 0.0, (), "no effect gains anything", gains, tuple(blocked))
     worth = worth_polishing(near, fitted, thresholds)
     judged = _judged(problem, base, around, worth, progress)
-    while not _able(judged, thresholds) and (others := promising(fitted, worth, thresholds)):
+    while patient and not _able(judged, thresholds) and (others := promising(fitted, worth, thresholds)):
         # a projection is worth little far off: what promised more was not there
         worth += others
         judged += _judged(problem, base, around, others, progress)
