@@ -3,6 +3,7 @@
 
 import _ctypes
 import ctypes
+import fcntl
 import hashlib
 import os
 import platform
@@ -12,8 +13,9 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
-from contextlib import suppress
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,7 @@ COMPILER_FLAGS = (
 )  # fmt: skip
 # shorter code of the same operations
 NEWER_INSTRUCTIONS = "avx2"
+PATIENCE_S, LOOK_S = 60.0, 0.02  # with another process that builds the same library
 # calls of the mathematics library; as these do, the comparison takes the number if the other is NaN
 IN_PLACE = {
     "return fmax(x, y);": "return x > y || y != y ? x : y;",
@@ -117,16 +120,48 @@ def shared_library(name: str, source: str, flags: tuple[str, ...]) -> Path | Non
     library = folder / f"{name}_{digest}.so"
     try:
         _check_owned(folder)
-        if os.path.lexists(library):
-            _check_owned(library)
-            if loads(library):
+        if _is_there(library):
+            return library
+        with _alone(library):
+            if _is_there(library):  # another process has built it meanwhile
                 return library
-        built = _compile([compiler, *flags], source, library)
+            built = _compile([compiler, *flags], source, library)
         if built and not loads(library):
             raise Distrusted(f"{folder} lets no program run from it")
     except OSError:  # the disk is full
         return None
     return library if built else None
+
+
+def _is_there(library: Path) -> bool:
+    """Return whether there is a library that can be loaded; Distrusted if others can write to it."""
+    if not os.path.lexists(library):
+        return False
+    _check_owned(library)
+    return loads(library)
+
+
+@contextmanager
+def _alone(library: Path) -> Iterator[None]:
+    """Wait, but not for ever, until no other process builds a library."""
+    path, deadline = library.with_suffix(".lock"), time.monotonic() + PATIENCE_S
+    file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    try:
+        with suppress(OSError):  # a disk that knows no locks: both build it
+            while not _locked(file) and time.monotonic() < deadline:
+                time.sleep(LOOK_S)
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(file)
+
+
+def _locked(file: int) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _check_owned(path: Path) -> None:

@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The cache of machine code: whatever is in it or becomes of it, functions work."""
 
+import fcntl
 import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+from types import SimpleNamespace
 
 import casadi as ca
 import pytest
@@ -9,6 +14,8 @@ from numpy.random import bit_generator
 
 from pam_orthosis.model import compiled as module
 from pam_orthosis.model.compiled import compiled
+
+SOURCE, FLAGS = "int one(void) { return 1; }", ("-shared", "-fPIC")
 
 
 @pytest.fixture
@@ -90,3 +97,45 @@ def test_where_nothing_can_be_written_the_virtual_machine_computes(cache, monkey
     monkeypatch.setattr(module, "_compile", full)
     assert compiled(square())(3.0)[0][0] == 9.0
     assert list(cache.glob("*.so")) == []
+
+
+@pytest.mark.usefixtures("compiler", "cache")
+def test_what_another_process_builds_is_waited_for_and_not_built_twice(monkeypatch):
+    """The first one begins; the second one must not, until the first has ended."""
+    built, begun, waiting, go_on = [], Event(), Event(), Event()
+    build = module._compile
+
+    def look(seconds):
+        waiting.set()
+        time.sleep(seconds)
+
+    def slow(command, source, library):
+        built.append(library.name)
+        begun.set()
+        assert go_on.wait(60)
+        return build(command, source, library)
+
+    monkeypatch.setattr(module, "_compile", slow)
+    with ThreadPoolExecutor(2) as both:
+        first = both.submit(module.shared_library, "one", SOURCE, FLAGS)
+        assert begun.wait(60)
+        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=time.monotonic, sleep=look))
+        second = both.submit(module.shared_library, "one", SOURCE, FLAGS)
+        assert waiting.wait(60)
+        go_on.set()
+        libraries = [one.result(60) for one in (first, second)]
+    assert len(built) == 1
+    assert libraries[0] == libraries[1]
+    assert [path.name for path in libraries[0].parent.iterdir()] == [libraries[0].name]
+
+
+@pytest.mark.usefixtures("compiler", "cache")
+def test_a_process_that_builds_for_ever_is_not_waited_for(monkeypatch):
+    monkeypatch.setattr(module, "PATIENCE_S", 0.0)
+    library = module.shared_library("one", SOURCE, FLAGS)
+    library.unlink()
+    lock = library.with_suffix(".lock")
+    with open(lock, "w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        assert module.shared_library("one", SOURCE, FLAGS) == library
+    assert library.exists()

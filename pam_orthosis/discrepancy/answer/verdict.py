@@ -13,7 +13,7 @@ from pam_orthosis.discrepancy.fitting.structure import Where
 from pam_orthosis.discrepancy.preparation.beginning import Beginning
 from pam_orthosis.discrepancy.preparation.identifiability import Identifiability
 from pam_orthosis.discrepancy.preparation.mistakes import CHECK
-from pam_orthosis.discrepancy.search.findings import Named, in_all
+from pam_orthosis.discrepancy.search.findings import Named, first_accepted, in_all
 from pam_orthosis.discrepancy.systems.system import Channel, System
 from pam_orthosis.model.parameters import experiments, scenario_names
 
@@ -168,11 +168,15 @@ def _share(outcome: Outcome, name: str) -> str:
     return "-" if value is None else f"{round(100 * value, 1) + 0.0:.1f} %{mark}"
 
 
-def runner_up_words(name: str, behind: float) -> str:
-    """Return what is said of the best effect that was not chosen; `behind` is negative if it fits better."""
+def runner_up_words(name: str, behind: float, first: str = "") -> str:
+    """Return what is said of the best effect that was not chosen; `behind` is negative if it fits better.
+
+    `first`: the effect that was chosen, if others were after it.
+    """
+    place = f" in place of {first}" if first else ""
     if behind >= 0:
-        return f"next best: {name}, with {behind:.0f} less evidence"
-    return f"not accepted, although it fits better: {name}, with {-behind:.0f} more evidence"
+        return f"next best{place}: {name}, with {behind:.0f} less evidence"
+    return f"not accepted{place}, although it fits better: {name}, with {-behind:.0f} more evidence"
 
 
 def _named(outcome: Outcome, one: Named) -> str:
@@ -219,7 +223,9 @@ def _others(outcome: Outcome) -> list[str]:
     for one in (*outcome.effects, *outcome.surrogates):
         lines += _alike(one, len(outcome.effects) + len(outcome.surrogates) > 1)
     if not outcome.look_alikes and outcome.runner_up is not None:
-        lines.append(runner_up_words(*outcome.runner_up))
+        every = (*outcome.effects, *outcome.surrogates)
+        first = first_accepted(outcome.selection, every) if len(every) > 1 else None
+        lines.append(runner_up_words(*outcome.runner_up, first.name if first else ""))
     if outcome.strained:
         lines.append(_strain(outcome.system, outcome.strained, outcome.verdict in GOOD))
     return lines
