@@ -7,7 +7,7 @@ from dataclasses import replace
 from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
 from pam_orthosis.discrepancy.answer.between import remarks_on_inputs
 from pam_orthosis.discrepancy.answer.judgement import OPEN, Outcome, outcome_of
-from pam_orthosis.discrepancy.answer.standing import stands
+from pam_orthosis.discrepancy.answer.standing import standing
 from pam_orthosis.discrepancy.preparation.beginning import Beginning, begin
 from pam_orthosis.discrepancy.preparation.clocks import is_periodic, on_one_clock
 from pam_orthosis.discrepancy.preparation.mistakes import CHECK
@@ -83,7 +83,7 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
     named = bool(outcome.effects)  # surrogates explain nothing: what they hide is left too
     model, problem = (found.final, found.final_problem) if named else (start.null, start.problem)
     told = outcome.described(unknown(problem, start.held_out, model, outcome.floor))
-    return told if stands(start, told) else outcome.described(None)
+    return standing(start, told) or outcome.described(None)
 
 
 def _on_one_clock(start: Beginning, found: Selection, cutoff: float) -> tuple[Beginning, Selection]:

@@ -320,6 +320,22 @@ def test_an_equation_that_a_step_hardly_moves_is_not_replayed_and_any_other_is()
     assert anew == ["gas"]  # at 0.4, and 0.6 is near that
 
 
+def test_one_kernel_does_whether_details_are_free_or_not(bench, run):
+    replay, effects = Replay(bench.system), ("joint_friction",)
+    torque = next(equation for equation in bench.system.equations if equation.name == "torque")
+    quantities = bench.system.catalogue["joint_friction"].parameters
+    fitted, details = (
+        [f"joint_friction.{q.name}" for q in quantities if q.fitted is one] for one in (True, False)
+    )
+    values = replay.defaults(effects)
+    _, plain, names = replay.sensitivities(run, torque, effects, values, tuple(fitted))
+    _, whole, more = replay.sensitivities(run, torque, effects, values, (*details, *fitted))
+    assert (names, more) == (tuple(fitted), (*details, *fitted))
+    np.testing.assert_array_equal(plain, whole[:, :, len(details) :])
+    assert np.count_nonzero(np.abs(whole).max(axis=(0, 1))) > len(fitted)
+    assert len(replay._kernels) == 1
+
+
 def test_parameters_without_influence_do_not_stop_a_step():
     """Two that act as one: the step is shared, not refused."""
     hessian = 1e9 * np.array([[1.0, 1.0], [1.0, 1.0]])

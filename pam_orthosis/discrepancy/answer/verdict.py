@@ -13,7 +13,7 @@ from pam_orthosis.discrepancy.fitting.structure import Where
 from pam_orthosis.discrepancy.preparation.beginning import Beginning
 from pam_orthosis.discrepancy.preparation.identifiability import Identifiability
 from pam_orthosis.discrepancy.preparation.mistakes import CHECK
-from pam_orthosis.discrepancy.search.findings import Named, first_accepted, in_all
+from pam_orthosis.discrepancy.search.findings import Named, in_all
 from pam_orthosis.discrepancy.systems.system import Channel, System
 from pam_orthosis.model.parameters import experiments, scenario_names
 
@@ -223,9 +223,9 @@ def _others(outcome: Outcome) -> list[str]:
     for one in (*outcome.effects, *outcome.surrogates):
         lines += _alike(one, len(outcome.effects) + len(outcome.surrogates) > 1)
     if not outcome.look_alikes and outcome.runner_up is not None:
-        every = (*outcome.effects, *outcome.surrogates)
-        first = first_accepted(outcome.selection, every) if len(every) > 1 else None
-        lines.append(runner_up_words(*outcome.runner_up, first.name if first else ""))
+        every = {one.name for one in (*outcome.effects, *outcome.surrogates)}
+        first = [str(step.accepted) for step in outcome.steps if step.accepted in every][:1]
+        lines.append(runner_up_words(*outcome.runner_up, *first if len(every) > 1 else ()))
     if outcome.strained:
         lines.append(_strain(outcome.system, outcome.strained, outcome.verdict in GOOD))
     return lines

@@ -119,8 +119,15 @@ class Replay:
         if not names:
             residuals = self._evaluate(run, equation, effects, values, ())
             return residuals, np.zeros((*residuals.shape, 0)), ()
-        both = self._evaluate(run, equation, effects, values, names)
-        return both[:, :, 0], both[:, :, 1:], names
+        every = self._with_details(names, known)
+        both = self._evaluate(run, equation, effects, values, every)
+        return both[:, :, 0], both[:, :, [1 + every.index(name) for name in names]], names
+
+    def _with_details(self, names: Names, known: set[str]) -> tuple[str, ...]:
+        """Return parameters and all details of their effects: one kernel, whether these are free or not."""
+        effects = {name.partition(".")[0] for name in names} & {*self.system.catalogue}
+        own = (f"{one}.{q.name}" for one in effects for q in self.system.catalogue[one].parameters)
+        return tuple(sorted({*names, *known.intersection(own)}))
 
     def part(self, equation: Equation, channel: str) -> Part:
         """Return the part of an equation, without effects, that predicts a channel."""

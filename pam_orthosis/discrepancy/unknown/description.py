@@ -137,6 +137,34 @@ def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) 
     return tuple(_compared(system, one) for one in _descriptions(curves, chosen.values()))
 
 
+def refitted(
+    problem: Problem, judge: Problem, model: Fit, equation: Equation, told: Sequence[Description]
+) -> tuple[Description, ...]:
+    """Return descriptions with their curves fitted again, by a model that has them as they are."""
+    groups = [group.weighted(dict.fromkeys(group.weights, 1.0)) for group in (problem, judge)]
+    curves = CurveFit(groups[0], groups[1], model, equation)
+    found = curves.fit(tuple(_spline(problem.system, one) for one in told))
+    return tuple(
+        _compared(problem.system, _changed(curves, found, index, one)) for index, one in enumerate(told)
+    )
+
+
+def _spline(system: System, one: Description) -> Spline:
+    """Return the spline of a description in a system that may hold its curve already."""
+    entries = {(entry.name, entry.parameter): entry for entry in system.entries_of(one.channel)}
+    entry = entries[one.entry.name, one.entry.parameter]
+    return Spline(one.channel, entry, one.coordinate, len(one.places))
+
+
+def _changed(curves: CurveFit, found: Fitted, index: int, one: Description) -> Description:
+    places, change, covariance = curves.curve(found, index)
+    values, own = one.values + one.level + change, curves.is_own(found.splines[index])
+    values, shape, covariance, period, level = _parts(places, values, covariance, own)
+    return replace(
+        one, values=values, shape=shape, covariance=covariance, period=period, level=level, shape_of=None
+    )
+
+
 class _Chosen(NamedTuple):
     """Splines of a channel, the share that they remove beside others, the next best signals."""
 
@@ -203,15 +231,24 @@ def _description(
 ) -> Description:
     spline = found.splines[index]
     places, values, covariance = curves.curve(found, index)
-    weight, own = 1 / np.maximum(np.diag(covariance), 1e-300), curves.is_own(spline)
+    parts = _parts(places, values, covariance, curves.is_own(spline))
+    return Description(
+        spline.channel, spline.entry, spline.signal, places, *parts[:3], share, runner_up, *parts[3:],
+        beside=curves.moved(found),
+    )  # fmt: skip
+
+
+def _parts(
+    places: np.ndarray, values: np.ndarray, covariance: np.ndarray, own: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float | None, float]:
+    """Return values, shape, its covariance, period and level of a curve, that of an own signal or another."""
+    weight = 1 / np.maximum(np.diag(covariance), 1e-300)
     certain = without_parabola(places, weight) if own else np.eye(len(places)) - weight / weight.sum()
     shape, covariance = certain @ values, certain @ covariance @ certain.T
-    level = 0.0 if own else float((values - shape)[0])
     period = wave_period(places, shape, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-    return Description(
-        spline.channel, spline.entry, spline.signal, places, values if own else shape, shape,
-        covariance, share, runner_up, period, level, beside=curves.moved(found),
-    )  # fmt: skip
+    if own:
+        return values, shape, covariance, period, 0.0
+    return shape, shape, covariance, period, float((values - shape)[0])
 
 
 def _compared(system: System, one: Description) -> Description:
