@@ -30,7 +30,7 @@ from control_campaign.cases import PEERS  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
-LATEST = ("365451",)  # sets of cases of the gap workflow, the last ones
+LATEST = ("873252",)  # sets of cases of the gap workflow, the last ones
 LATEST_OUTSIDE = 918276  # the same, of effects outside the catalogue
 BLIND = (
     "515151",
@@ -53,6 +53,7 @@ BLIND = (
     "268208",
     "274523",
     "600960",
+    "365451",
     *LATEST,
 )  # sets of cases, newest last
 # (set, size) of blind cases -> share that is asked to be right; goals of the study before the workflow
