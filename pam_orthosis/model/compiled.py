@@ -145,15 +145,25 @@ def _is_there(library: Path) -> bool:
 def _alone(library: Path) -> Iterator[None]:
     """Wait, but not for ever, until no other process builds a library."""
     path, deadline = library.with_suffix(".lock"), time.monotonic() + PATIENCE_S
-    file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    file, is_own = _opened(path)
     try:
         with suppress(OSError):  # a disk that knows no locks: both build it
             while not _locked(file) and time.monotonic() < deadline:
                 time.sleep(LOOK_S)
         yield
     finally:
-        path.unlink(missing_ok=True)
+        if is_own and path.exists() and os.path.samestat(os.fstat(file), path.lstat()):
+            path.unlink(missing_ok=True)
         os.close(file)
+
+
+def _opened(path: Path) -> tuple[int, bool]:
+    """Return the file by which processes agree, open, and whether this call has created it."""
+    while True:
+        with suppress(FileExistsError):
+            return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), True
+        with suppress(FileNotFoundError):  # who created it has just removed it
+            return os.open(path, os.O_RDWR | os.O_NOFOLLOW), False
 
 
 def _locked(file: int) -> bool:

@@ -105,9 +105,9 @@ def test_what_another_process_builds_is_waited_for_and_not_built_twice(monkeypat
     built, begun, waiting, go_on = [], Event(), Event(), Event()
     build = module._compile
 
-    def look(seconds):
+    def look(_):
         waiting.set()
-        time.sleep(seconds)
+        first.result(60)
 
     def slow(command, source, library):
         built.append(library.name)
@@ -138,4 +138,25 @@ def test_a_process_that_builds_for_ever_is_not_waited_for(monkeypatch):
     with open(lock, "w") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         assert module.shared_library("one", SOURCE, FLAGS) == library
+        assert lock.exists(), "it is the other one's"
     assert library.exists()
+
+
+@pytest.mark.usefixtures("compiler", "cache")
+@pytest.mark.parametrize("when", ["before", "meanwhile"])
+def test_a_file_that_a_build_did_not_create_stays(monkeypatch, when):
+    library = module.shared_library("one", SOURCE, FLAGS)
+    library.unlink()
+    lock, build = library.with_suffix(".lock"), module._compile
+
+    def replaced(*arguments):
+        if when == "meanwhile":
+            lock.unlink()
+            lock.write_text("somebody's")
+        return build(*arguments)
+
+    if when == "before":
+        lock.write_text("somebody's")
+    monkeypatch.setattr(module, "_compile", replaced)
+    assert module.shared_library("one", SOURCE, FLAGS) == library
+    assert lock.read_text() == "somebody's"
