@@ -55,7 +55,7 @@ def test_a_lasting_correction_of_the_angle_does_not_wind_the_play(bench):
     The correction moves the angle, the model's velocity is opposite to it, and both together stand still.
     """
     torque = bench.system.equations[0]
-    (part,) = bench.replay._parts_of(torque, ("backlash",))
+    (part,) = bench.replay.parts(torque, ("backlash",))
     values = bench.replay.defaults(("backlash",)) | {"backlash.half_width": HALF_WIDTH}
     theta = np.array([values[name] for name in part.parameters])
     run = Run(bench.system, bench.recording(1), 40.0)
@@ -162,7 +162,7 @@ def test_what_is_not_judged_is_reported():
 def test_a_correction_does_not_rub(bench):
     """Bristles of a friction bend with the model's motion, not with what holds it to the recording."""
     torque = bench.system.equations[0]
-    (part,) = bench.replay._parts_of(torque, ("joint_friction",))
+    (part,) = bench.replay.parts(torque, ("joint_friction",))
     values = bench.replay.defaults(("joint_friction",))
     run = Run(bench.system, bench.recording(1), 40.0)
     row, state = run.data(torque.channels)[1000], run.states(part, np.array([1000]))[0]

@@ -79,7 +79,7 @@ def test_an_effect_of_the_model_is_replayed_as_one_that_was_just_found(bench, ru
 def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
     for equation in bench.system.equations:
         values = bench.replay.defaults(("muscle_hysteresis", "valve_lag"))
-        for part in bench.replay._parts_of(equation, ("muscle_hysteresis", "valve_lag")):
+        for part in bench.replay.parts(equation, ("muscle_hysteresis", "valve_lag")):
             theta = np.array([values[name] for name in part.parameters])
             late = Shift(inputs=1.4 * run.period)  # inputs change within each period
             rows = Lanes.cut(run.data(part.channels, late)[:60], 60)
@@ -93,7 +93,7 @@ def test_compiled_replay_is_that_of_the_virtual_machine(bench, run):
 
 
 def test_machine_code_is_not_that_of_the_same_functions_with_other_parameters(bench):
-    (part, *_) = bench.replay._parts_of(bench.system.equations[0], ())
+    (part, *_) = bench.replay.parts(bench.system.equations[0], ())
     first, second, *rest = part.parameters
     swapped = replace(part, parameters=(second, first, *rest))
     keys = {_key(part, (first,)), _key(part, (second,)), _key(swapped, (first,)), _key(swapped, (second,))}
@@ -102,7 +102,7 @@ def test_machine_code_is_not_that_of_the_same_functions_with_other_parameters(be
 
 def test_muscles_that_do_not_feel_each_other_are_replayed_apart_as_together(bench, run):
     (gas,) = (equation for equation in bench.system.equations if equation.name == "gas")
-    apart, joined = (bench.replay._parts_of(gas, effects) for effects in (("valve_lag",), ("supply_sag",)))
+    apart, joined = (bench.replay.parts(gas, effects) for effects in (("valve_lag",), ("supply_sag",)))
     assert [part.channels for part in apart] == [(channel,) for channel in gas.channels]
     assert [part.channels for part in joined] == [gas.channels]
     effects, names = ("valve_lag",), ("extensor_leak", "conductance", "valve_lag.damping_ratio")
@@ -201,7 +201,7 @@ def test_sensors_that_feel_each_other_are_late_inside_the_model(bench, run):
     gas, effects = bench.system.equations[1], ("extensor_pressure_delay", "supply_sag")
     assert not bench.replay.shifts(effects[0], gas, effects)
     assert bench.replay.shifts(effects[0], gas, effects[:1])
-    (part,) = bench.replay._parts_of(gas, effects)
+    (part,) = bench.replay.parts(gas, effects)
     assert "extensor_pressure_delay.delay" in part.parameters
 
 

@@ -36,7 +36,7 @@ def test_stretches_are_the_recording_replayed_from_its_beginning(bench, run, mon
     monkeypatch.setattr(Kernel, "_passed", lambda *args: (passes.append(1), passed(*args))[1])
     values = bench.replay.defaults(effects) | {f"{name}.share": 0.3 for name in effects}
     (equation,) = (one for one in bench.system.equations if one.name == "torque")
-    (part,) = bench.replay._parts_of(equation, effects)
+    (part,) = bench.replay.parts(equation, effects)
     theta = np.array([values[name] for name in part.parameters])
     z = run.data(part.channels)
     for wrt in ((), part.parameters[:3]):

@@ -66,13 +66,17 @@ class Lanes:
         return found
 
     def joined(self, results: np.ndarray) -> np.ndarray:
-        """Return results, (warm + length, count, stretches), as those of the recording, (n, count)."""
+        """Return results, (warm + length, count, stretches), as those of the recording, (n, count).
+
+        Each column is in one piece of memory, as filters and products over time want it.
+        """
         count = results.shape[1]
-        whole = np.empty((self.warm + LANES * self.length, count))
-        whole[: self.warm] = results[: self.warm, :, 0]
-        rest = whole[self.warm :].reshape(LANES, self.length, count)
-        rest[:] = results[self.warm :].transpose(2, 0, 1)
-        return whole[: self.rows]
+        whole = np.empty((count, self.warm + LANES * self.length))
+        whole[:, : self.warm] = results[: self.warm, :, 0].T
+        rest = whole[:, self.warm :].reshape(count, LANES, self.length)
+        rest[:] = results[self.warm :].transpose(1, 2, 0)
+        joined: np.ndarray = whole[:, : self.rows].T
+        return joined
 
     def replayed(self, one_pass: Pass, first: np.ndarray, size: int, slopes: int) -> np.ndarray:
         """Return what passes over all stretches at once leave where these agree, (n, size).

@@ -3,19 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.replay.whitening import Whitener
+from pam_orthosis.discrepancy.systems.cut import Part
 from pam_orthosis.discrepancy.systems.system import Equation, Names, Values
-
-Piece = TypeVar("Piece")
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Scored:
 
         They are faded in over it: a whitener's memory may be longer, and the start's error is large.
         """
-        faded = columns.copy()
+        faded = columns.copy("K")
         with np.errstate(invalid="ignore"):  # a replay that went astray; `sum_of_squares` says so
             faded[: self.warm_up] *= self._fade.reshape(-1, *[1] * (columns.ndim - 1))
         return self.whiten(channel, faded)[self.warm_up :]
@@ -56,6 +55,20 @@ class Block:
     slopes: np.ndarray
     names: Names
     weight: float = 1.0
+
+
+class _Task(NamedTuple):
+    """A part of an equation, to be replayed for one run, whose residuals begin at `start` in a row of all."""
+
+    equation: Equation
+    part: Part
+    scored: Scored
+    start: int
+
+    def place(self, channel: str) -> slice:
+        """Return the place of a channel's residuals in that row."""
+        start = self.start + self.equation.channels.index(channel) * self.scored.samples
+        return slice(start, start + self.scored.samples)
 
 
 class Problem:
@@ -86,15 +99,13 @@ class Problem:
 
     def residual(self, equation: Equation, effects: Names, values: Values) -> np.ndarray:
         """Return the whitened residuals of one equation, all runs and channels in one row."""
-        return self._joined(equation, [self._whitened(equation, one, effects, values) for one in self.scored])
+        return self.residuals(effects, values, [equation])[equation.name]
 
     def residuals(
         self, effects: Names, values: Values, of: Sequence[Equation] | None = None
     ) -> dict[str, np.ndarray]:
         """Return the whitened residuals of some equations (all)."""
-        chosen = self.system.equations if of is None else of
-        pieces = self._of_each(chosen, lambda equation, one: self._whitened(equation, one, effects, values))
-        return {e.name: self._joined(e, own) for e, own in zip(chosen, pieces, strict=True)}
+        return {name: block.residual for name, block in self.blocks(effects, values, (), of).items()}
 
     def by_run(self, equation: Equation, row: np.ndarray) -> Iterator[tuple[Scored, np.ndarray]]:
         """Yield each run with its part, (channels, samples, ...), of a row of an equation's residuals."""
@@ -109,65 +120,57 @@ class Problem:
     ) -> dict[str, Block]:
         """Return residuals and derivatives by those of `names` that matter, of some equations (all)."""
         chosen = self.system.equations if of is None else of
-        pieces = self._of_each(
-            chosen, lambda equation, one: self._linearised(equation, one, effects, values, names)
-        )
-        blocks = {}
-        for equation, own in zip(chosen, pieces, strict=True):
-            weight = self.weights[equation.name]
-            blocks[equation.name] = Block(
-                weight * self._chosen(equation, [row for piece in own for row in piece[0]]),
-                weight * self._chosen(equation, [matrix for piece in own for matrix in piece[1]]),
-                own[0][2],
-                weight,
-            )
-        return blocks
+        known = {one.name: self._relevant(one, effects, names) for one in chosen}
+        size = sum(one.samples for one in self.scored)
+        rows = {e.name: np.zeros((1 + len(known[e.name]), size * len(e.channels))) for e in chosen}
 
-    def _of_each(
-        self, equations: Sequence[Equation], work: Callable[[Equation, Scored], Piece]
-    ) -> list[list[Piece]]:
-        """Return what `work` gives for each run of some equations; the longest ones are begun first."""
-        tasks = [(equation, one) for equation in equations for one in self.scored]
-        sizes = [len(equation.channels) * one.samples for equation, one in tasks]
-        order = sorted(range(len(tasks)), key=lambda i: -sizes[i])
-        found = dict(zip(order, self.replay.workers.map(lambda i: work(*tasks[i]), order), strict=True))
-        runs = len(self.scored)
-        return [[found[i] for i in range(at, at + runs)] for at in range(0, len(tasks), runs)]
+        def fill(task: _Task) -> None:
+            name = task.equation.name
+            whole, own = self._linearised(task, effects, values, known[name])
+            lines = [0, *(1 + known[name].index(one) for one in own)]
+            for channel, columns in zip(task.part.channels, whole.swapaxes(0, 1), strict=True):
+                white = self.weights[name] * task.scored.white(channel, columns).T
+                rows[name][lines, task.place(channel)] = white
 
-    def _chosen(self, equation: Equation, pieces: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the samples that are shown of an equation's pieces, joined."""
-        whole = np.concatenate(pieces)
-        return whole[self._shown[equation.name]] if equation.name in self._shown else whole
+        self.replay.workers.map(fill, self._tasks(chosen, effects))
+        return {name: self._block(name, rows[name], known[name]) for name in rows}
 
-    def _whitened(self, equation: Equation, one: Scored, effects: Names, values: Values) -> list[np.ndarray]:
-        """Return whitened residuals, one entry a channel, of one run."""
-        raw = self.replay.residuals(one.run, equation, effects, values)
-        return [one.white(c, raw[:, i]) for i, c in enumerate(equation.channels)]
+    def _block(self, equation: str, rows: np.ndarray, names: Names) -> Block:
+        """Return the samples that are shown of an equation's residuals and, below them, derivatives."""
+        shown = rows[:, self._shown[equation]] if equation in self._shown else rows
+        return Block(shown[0], shown[1:].T, names, self.weights[equation])
 
-    def _joined(self, equation: Equation, pieces: Sequence[list[np.ndarray]]) -> np.ndarray:
-        """Return the weighted residuals of an equation from those of its runs and channels."""
-        return self.weights[equation.name] * self._chosen(
-            equation, [row for piece in pieces for row in piece]
-        )
+    def _tasks(self, equations: Sequence[Equation], effects: Names) -> list[_Task]:
+        """Return the parts of some equations that do not feel each other, of each run; the longest first."""
+        tasks = []
+        for equation in equations:
+            start, count = 0, len(equation.channels)
+            for one in self.scored:
+                tasks += [_Task(equation, part, one, start) for part in self.replay.parts(equation, effects)]
+                start += count * one.samples
+        return sorted(tasks, key=lambda task: -len(task.part.channels) * task.scored.samples)
+
+    def _relevant(self, equation: Equation, effects: Names, names: Names) -> Names:
+        """Return those parameters by which an equation has derivatives."""
+        lagging = self._lagging(equation, effects) & {*names}
+        known = {name for part in self.replay.parts(equation, effects) for name in part.parameters}
+        return (*(name for name in names if name in known - lagging), *sorted(lagging))
 
     def _linearised(
-        self, equation: Equation, one: Scored, effects: Names, values: Values, names: Names
-    ) -> tuple[list[np.ndarray], list[np.ndarray], tuple[str, ...]]:
-        """Return whitened residuals and derivatives, one entry a channel, of one run."""
-        lagging = self._lagging(equation, effects) & set(names)
+        self, task: _Task, effects: Names, values: Values, names: Names
+    ) -> tuple[np.ndarray, tuple[str, ...]]:
+        """Return residuals with k derivatives behind, (n, channels, 1 + k), and the k parameters."""
+        given = task.scored.run, task.equation, effects
+        lagging = sorted(self._lagging(task.equation, effects) & {*names})
         smooth = tuple(name for name in names if name not in lagging)
-        raw, by, relevant = self.replay.sensitivities(one.run, equation, effects, values, smooth)
-        columns = [by]
-        for name in sorted(lagging):
+        raw, by, relevant = self.replay.sensitivities(*given, values, smooth, [task.part])
+        columns = [raw[:, :, None], by]
+        for name in lagging:
             step = 0.02 * max(abs(values[name]), 1e-12)
             moved = {**values, name: values[name] + step}
-            change = self.replay.residuals(one.run, equation, effects, moved) - raw
+            change = self.replay.residuals(*given, moved, [task.part]) - raw
             columns.append(change[:, :, None] / step)
-        slopes = np.concatenate(columns, axis=2)
-        white = [
-            one.white(c, np.column_stack([raw[:, i], slopes[:, i]])) for i, c in enumerate(equation.channels)
-        ]
-        return [w[:, 0] for w in white], [w[:, 1:] for w in white], (*relevant, *sorted(lagging))
+        return np.concatenate(columns, axis=2), (*relevant, *lagging)
 
     def total(self, effects: Names, values: Values) -> float:
         """Return the squared whitened residuals of all equations."""

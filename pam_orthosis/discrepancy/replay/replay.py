@@ -3,7 +3,7 @@
 
 import math
 from collections import OrderedDict
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from threading import Lock
 from types import SimpleNamespace
@@ -103,25 +103,35 @@ class Replay:
             for key, one in store.items():
                 known.setdefault(key, one)
 
-    def residuals(self, run: Run, equation: Equation, effects: Names, values: Values) -> np.ndarray:
-        """Return recorded minus predicted, (n, channels of the equation)."""
-        return self._evaluate(run, equation, effects, values, ())
+    def residuals(
+        self, run: Run, equation: Equation, effects: Names, values: Values, parts: Sequence[Part] = ()
+    ) -> np.ndarray:
+        """Return recorded minus predicted, (n, channels of some of an equation's parts: of all)."""
+        return self._evaluate(run, equation, parts or self.parts(equation, effects), effects, values, ())
 
     def sensitivities(
-        self, run: Run, equation: Equation, effects: Names, values: Values, wrt: Names
+        self,
+        run: Run,
+        equation: Equation,
+        effects: Names,
+        values: Values,
+        wrt: Names,
+        parts: Sequence[Part] = (),
     ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
         """Return residuals (n, c), their derivatives (n, c, k), and the k parameters of `wrt` that matter.
 
         A parameter by which neighbouring signals are advanced is not differentiated through that.
         """
-        known = _parameters(self._parts_of(equation, effects))
+        parts = parts or self.parts(equation, effects)
+        known = _parameters(parts)
         names = tuple(name for name in wrt if name in known)
         if not names:
-            residuals = self._evaluate(run, equation, effects, values, ())
+            residuals = self._evaluate(run, equation, parts, effects, values, ())
             return residuals, np.zeros((*residuals.shape, 0)), ()
         every = self._with_details(names, known)
-        both = self._evaluate(run, equation, effects, values, every)
-        return both[:, :, 0], both[:, :, [1 + every.index(name) for name in names]], names
+        both = self._evaluate(run, equation, parts, effects, values, every)
+        slopes = both.T[[1 + every.index(name) for name in names]].T  # columns stay in one piece
+        return both[:, :, 0], slopes, names
 
     def _with_details(self, names: Names, known: set[str]) -> tuple[str, ...]:
         """Return parameters and all details of their effects: one kernel, whether these are free or not."""
@@ -129,9 +139,16 @@ class Replay:
         own = (f"{one}.{q.name}" for one in effects for q in self.system.catalogue[one].parameters)
         return tuple(sorted({*names, *known.intersection(own)}))
 
+    def parts(self, equation: Equation, effects: Names) -> tuple[Part, ...]:
+        """Return the parts of an equation that do not feel each other."""
+        others = sorted(set(effects) - set(self.system.shapes))
+        touching = [name for name in others if equation.name in self.touched(name)]
+        kept = (name for name in touching if not self.shifts(name, equation, effects))
+        return self._cut(equation, (*self.system.shapes, *kept))
+
     def part(self, equation: Equation, channel: str) -> Part:
         """Return the part of an equation, without effects, that predicts a channel."""
-        return next(part for part in self._parts_of(equation, ()) if channel in part.channels)
+        return next(part for part in self.parts(equation, ()) if channel in part.channels)
 
     def forget(self, run: Run) -> None:
         """Drop what is remembered of a run."""
@@ -157,15 +174,20 @@ class Replay:
         return all(len(part.channels) == 1 for part in parts if moved & set(part.channels))
 
     def _evaluate(
-        self, run: Run, equation: Equation, effects: Names, values: Values, wrt: Names
+        self,
+        run: Run,
+        equation: Equation,
+        parts: Sequence[Part],
+        effects: Names,
+        values: Values,
+        wrt: Names,
     ) -> np.ndarray:
         """Return residuals (n, channels), with `wrt` (n, channels, 1 + len(wrt)): the derivatives behind."""
-        parts = self._parts_of(equation, effects)
         shifts = [self._shift(equation, part, effects, values) for part in parts]
         if len(parts) == 1:
             return self._evaluate_part(run, equation, parts[0], values, shifts[0], wrt)
         shape = (run.recording.samples, len(equation.channels))
-        joined = np.zeros((*shape, 1 + len(wrt)) if wrt else shape)
+        joined = np.zeros((*shape, 1 + len(wrt)) if wrt else shape, order="F")
         for part, shift in zip(parts, shifts, strict=True):
             names = tuple(name for name in wrt if name in part.parameters)
             result = self._evaluate_part(run, equation, part, values, shift, names)
@@ -238,13 +260,6 @@ class Replay:
         parameters = self.system.catalogue[name].parameters
         return SimpleNamespace(**{q.name: values[f"{name}.{q.name}"] for q in parameters})
 
-    def _parts_of(self, equation: Equation, effects: Names) -> tuple[Part, ...]:
-        """Return the parts of an equation that do not feel each other."""
-        others = sorted(set(effects) - set(self.system.shapes))
-        touching = [name for name in others if equation.name in self.touched(name)]
-        kept = (name for name in touching if not self.shifts(name, equation, effects))
-        return self._cut(equation, (*self.system.shapes, *kept))
-
     def _inside(self, equation: Equation, effects: Names) -> Names:
         """Return the effects that are in an equation's model in any case: no shifts, and no delays."""
         others, catalogue = sorted(set(effects) - set(self.system.shapes)), self.system.catalogue
@@ -300,7 +315,7 @@ def _bytes(store: Mapping[tuple[Any, ...], Kept]) -> int:
     return sum(one.nbytes for one in store.values())
 
 
-def _parameters(parts: tuple[Part, ...]) -> set[str]:
+def _parameters(parts: Iterable[Part]) -> set[str]:
     return {name for part in parts for name in part.parameters}
 
 
