@@ -7,11 +7,15 @@ from dataclasses import replace
 from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
 from pam_orthosis.discrepancy.answer.between import remarks_on_inputs
 from pam_orthosis.discrepancy.answer.judgement import OPEN, Outcome, outcome_of
+from pam_orthosis.discrepancy.answer.patch import DESCRIBED
 from pam_orthosis.discrepancy.answer.standing import standing
+from pam_orthosis.discrepancy.answer.unknown_words import short
+from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.preparation.beginning import Beginning, begin
 from pam_orthosis.discrepancy.preparation.clocks import is_periodic, on_one_clock
 from pam_orthosis.discrepancy.preparation.mistakes import CHECK
 from pam_orthosis.discrepancy.recordings.data import Recording
+from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.search import select
 from pam_orthosis.discrepancy.search.selection import Selection
@@ -21,6 +25,8 @@ from pam_orthosis.discrepancy.workers import alone
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.progress import Progress, silent
+
+NEARLY = 0.1  # of a gap, that a description leaves without the effects that are named
 
 
 def find_gap(
@@ -80,10 +86,33 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
     if outcome.foreign:
         return outcome.described(None)
     progress("describing what is left")
-    named = bool(outcome.effects)  # surrogates explain nothing: what they hide is left too
-    model, problem = (found.final, found.final_problem) if named else (start.null, start.problem)
+    if not outcome.effects:  # surrogates explain nothing: what they hide is left too
+        return _described(start, outcome, start.problem, start.null)
+    told = _described(start, outcome, found.final_problem, found.final)
+    return told if told.verdict != DESCRIBED else _or_without_names(start, told)
+
+
+def _described(start: Beginning, outcome: Outcome, problem: Problem, model: Fit) -> Outcome:
+    """Return an outcome with what can be said of what a model leaves."""
     told = outcome.described(unknown(problem, start.held_out, model, outcome.floor))
     return standing(start, told) or outcome.described(None)
+
+
+def _or_without_names(start: Beginning, told: Outcome) -> Outcome:
+    """Return a description beside named effects, with a remark if one without them does nearly as much.
+
+    Effects that resemble what is missing, and a curve of what they leave of it, are as good as one curve of
+    it all.
+    """
+    bare = _described(start, replace(told, effects=(), unknown=None), start.problem, start.null)
+    if bare.verdict != DESCRIBED or bare.unknown is None:
+        return told
+    gap, left = bare.kept[bare.unknown.equation], bare.left_unknown
+    if left - 1 > NEARLY * (gap - 1):
+        return told
+    names = " and ".join(one.name for one in told.effects)
+    words = f"{short(told.system, bare.unknown)} alone, without {names}, leaves {left:.1f} times the noise"
+    return replace(told, remarks=(*told.remarks, f"{words}: what is named may only be a part of that"))
 
 
 def _on_one_clock(start: Beginning, found: Selection, cutoff: float) -> tuple[Beginning, Selection]:

@@ -169,7 +169,9 @@ def test_pushes_at_instants_of_their_own_are_events(bench, reported):
     assert {event.channel for event in found.events} == {"angle"}
     assert short(bench.system, found) == "3 pushes (4.0 s, 7.3 s, 10.1 s)"
     bare = replace(found, events=())
-    assert unknown_words(bench.system, bare)[0].endswith("depends on nothing that was measured, alone")
+    assert unknown_words(bench.system, bare)[0].endswith(
+        "depends on nothing that was measured, alone (curves of up to 20 points were tried)"
+    )
     (drifting,) = unknown_words(bench.system, bare, {"time": 0.6, "angle": 0.1})
     assert "it changes with time: a sensor's zero that drifts" in drifting
     assert unknown_words(bench.system, bare, {"angle": 0.6, "time": 0.1}) == unknown_words(bench.system, bare)
@@ -416,6 +418,19 @@ def test_a_curve_that_is_no_wave_has_no_period():
     assert description.wave_period(places, np.sin(8 * places), sure) is None  # too little of it is seen
     assert description.wave_period(places, np.abs(places - 0.45) ** 0.5, sure) is None  # arcs at a cusp
     assert description.wave_period(np.zeros(20), np.zeros(20), sure) is None
+
+
+def test_a_wave_is_as_large_as_its_waves_whatever_its_ends_do():
+    places, rng = np.linspace(0, 2, 40), np.random.default_rng(4)
+    spread = np.where((places < 0.1) | (places > 1.9), 0.5, 0.05)
+    found = []
+    for _ in range(200):
+        curve = 0.3 * np.sin(9 * places + 1) + spread * rng.standard_normal(40)
+        found.append(description._wave(places, curve, np.diag(spread**2), 2 * np.pi / 9))
+    sizes, variances = np.array(found).T
+    assert sizes.mean() == pytest.approx(0.3, rel=0.02)
+    assert np.mean(np.abs(sizes - 0.3) < 1.96 * np.sqrt(variances)) > 0.9
+    assert np.sqrt(variances.mean()) == pytest.approx(sizes.std(), rel=0.15)
 
 
 def test_a_wave_has_its_period_though_some_places_were_hardly_visited():

@@ -315,7 +315,7 @@ def test_a_model_that_closes_less_than_half_names_nothing(friction, monkeypatch)
     found = outcome.selection
     alone = replace(found, steps=[replace(step, ranked=(("joint_friction", 1e4),)) for step in found.steps])
     for share, names in ((0.2, []), (0.6, ["joint_friction"])):
-        closed = {**outcome.closure, "overall": share}
+        closed = dict.fromkeys(outcome.closure, share)
         monkeypatch.setattr(judgement, "_closures", lambda *_, closed=closed: closed)
         reported = judgement.outcome_of(start, alone, settings)
         assert [one.name for one in reported.effects] == names
@@ -578,3 +578,26 @@ def test_an_interval_has_the_digits_that_show_its_width(numbers, said):
 @pytest.mark.parametrize("unit", ["-", "1"])
 def test_a_pure_number_has_no_unit(unit):
     assert verdict._with_interval(0.13, unit, 0.11, 0.15) == "0.13 (0.11 .. 0.15)"
+
+
+@pytest.mark.parametrize(("delay", "longest"), [(0.05, True), (-0.006, False)])
+def test_a_delay_as_long_as_any_that_is_tried_says_so(bench, delay, longest):
+    (q,) = bench.system.catalogue["valve_delay"].fitted
+    assert q.maximum == 0.05
+    model = SimpleNamespace(values={"valve_delay.delay": delay})
+    said = confirmation.at_values(bench.system, model, ["valve_delay.delay"])
+    assert said.startswith(f"valve_delay.delay = {delay:.4g}")
+    assert ("the longest delay that is tried" in said) == longest
+
+
+def test_an_effect_may_close_the_gap_of_its_own_equation_alone(bench):
+    """What is left in another equation is not of it; what feels nothing of its own, or a sensor, does not."""
+    found = SimpleNamespace(final_problem=SimpleNamespace(system=bench.system, replay=bench.replay))
+    channels = [channel for one in bench.system.equations for channel in one.channels]
+    large, small = Gap({}, dict.fromkeys(channels, 9.0)), Gap({}, dict.fromkeys(channels, 1.0))
+    closed = {name: 0.0 if name == "angle" else 0.9 for name in channels}
+    assert judgement._closes_own(found, "valve_lag", large, closed)
+    assert not judgement._closes_own(found, "joint_friction", large, closed)
+    assert not judgement._closes_own(found, "valve_lag", small, closed)
+    assert not judgement._closes_own(found, "valve_lag", large, dict.fromkeys(channels, 0.7))
+    assert not judgement._closes_own(found, "extensor_pressure_delay", large, dict.fromkeys(channels, 0.9))

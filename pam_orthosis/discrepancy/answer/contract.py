@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pam_orthosis.discrepancy.answer.judgement import Outcome
+from pam_orthosis.discrepancy.answer.patch import DESCRIBED
 from pam_orthosis.discrepancy.answer.unknown_words import unknown_as_dict
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, Gap, over_noise
 from pam_orthosis.discrepancy.fitting.structure import Where
@@ -34,7 +35,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         },
         "where": _places(outcome, outcome.where, outcome.before),
         "left": _places(outcome, outcome.left, outcome.after),
-        "unknown": unknown_as_dict(outcome.system, outcome.unknown),
+        "unknown": unknown_as_dict(outcome.system, outcome.unknown, outcome.verdict == DESCRIBED),
         "another_machine": outcome.foreign,
         "empty_of_meaning": list(outcome.empty),
         "out_of_tolerance": {name: _number(value) for name, value in outcome.strained.items()},

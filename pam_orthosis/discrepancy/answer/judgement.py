@@ -25,7 +25,8 @@ LEAST_CLOSURE = 0.9  # below it named effects that leave structure are a part of
 MOST_LEFT = 1.3  # gap after over the noise floor above which the residual is not called clean
 MOST_OFF = 2.5  # a residual in its unit over what noise leaves: a slow one weighs little among whitened ones
 NEAR = 1.5  # gap of an equation over the noise floor above which it is not explained, whatever was closed
-LEAST_NAMED = 0.5  # closure of a model below which it names nothing
+LEAST_NAMED = 0.5  # closure of a model below which it names nothing, and
+LEAST_APART = 0.75  # of the equations that an effect changes, whatever is left in others
 FAR_STRAIN = 5.0  # tolerances: less likely hardware than a wrong zero, unit or mechanism
 WIDE = 10.0  # times its priors: the same of a shape correction that is named, or beside a named effect
 MOVED = 3.0  # tolerances that recalibration moves a parameter: a finding, whatever is left
@@ -124,16 +125,26 @@ class Outcome:
             return replace(self, remarks=[one for one in self.remarks if one not in told])
         return replace(self, verdict="partial", skewed=True) if clearly else self
 
+    @property
+    def kept(self) -> dict[str, float]:
+        """Equation -> how many times the noise is left of it by the effects that are named, if any are."""
+        return measure.over_noise(self.system, self.after if self.effects else self.before, self.floor)
+
+    @property
+    def left_unknown(self) -> float:
+        """How many times the noise is left in the equation of what is described."""
+        assert self.unknown
+        return measure.reduced(self.kept[self.unknown.equation], self.unknown.reduced)
+
     def described(self, left: Unknown | None) -> Outcome:
         """Return the outcome with what can be said of what is left."""
-        kept = measure.over_noise(self.system, self.after, self.floor)
+        kept = self.kept
         known = left is not None and bool(left.descriptions)
         if left is not None:
             kept[left.equation] = measure.reduced(kept[left.equation], left.reduced)
         pushed = left is not None and bool(left.events)  # it is moved by what is no part of it
         # whatever the noise of its sensor
-        nearly = left is not None and left.reduced > NEARLY and not self.effects
-        known_of = left.equation if left is not None and nearly else ""
+        known_of = left.equation if left and left.reduced > NEARLY and not self.effects else ""
         far = max((value for name, value in kept.items() if name != known_of), default=0.0)
         if self.foreign or (far > MOST_KEPT and not pushed):
             nothing: dict[str, Any] = dict.fromkeys(
@@ -159,16 +170,17 @@ def outcome_of(start: Beginning, found: Selection, settings: Section, remarks: S
     counted = _from_configured(floor if gone else base, floor, closed)
     empty = tuple(key for name in final.effects for key in emptied(system, name, final))
     rest = _rest(system, final, left, after, floor, gone)
-    verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
     deviation = findings.deviations(system, final, spread)
     every = tuple(named_effect(system, found, deviation, name, settings.evidence) for name in final.effects)
     first = first_accepted(found, every)
     # a name that leaves most of the gap open is no name
-    trusted = _trusted(closed[measure.OVERALL]) and not rest.another_machine
-    meant = _meant(final.effects, empty) if trusted else ()
+    trusted = _trusted(closed[measure.OVERALL])
+    able = [one for one in final.effects if trusted or _closes_own(found, one, base, closed)]
+    meant = () if rest.another_machine else _meant(able, empty)
+    verdict = verdict_on(final.effects, closed[measure.OVERALL], rest, empty)
     return Outcome(
         system=system,
-        verdict=verdict,
+        verdict="partial" if meant and not trusted else verdict,
         effects=tuple(one for one in every if one.name in meant),
         surrogates=tuple(one for one in every if one.name not in meant),
         look_alikes=first.look_alikes if first else (),
@@ -288,7 +300,16 @@ def _trusted(share: float | None) -> bool:
     return share is None or share >= LEAST_NAMED
 
 
-def _meant(effects: Names, empty: Sequence[str]) -> Names:
+def _closes_own(found: Selection, name: str, before: measure.Gap, closed: Mapping[str, float | None]) -> bool:
+    """Return whether the gap of the equations that an effect changes is closed, not that of others."""
+    problem = found.final_problem
+    touched = [one for one in problem.system.equations if one.name in problem.replay.touched(name)]
+    shares = [closed[channel] for one in touched for channel in one.channels if before.white[channel] > NEAR]
+    late = problem.system.catalogue[name].advance is not None  # a sensor drives the other equations too
+    return bool(shares) and not late and min(share or 0.0 for share in shares) >= LEAST_APART
+
+
+def _meant(effects: Sequence[str], empty: Sequence[str]) -> Names:
     """Return the effects that are what their names say."""
     return tuple(name for name in effects if not any(key.startswith(f"{name}.") for key in empty))
 

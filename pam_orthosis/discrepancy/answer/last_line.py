@@ -15,7 +15,7 @@ from pam_orthosis.discrepancy.answer.judgement import (
     shares_moved,
 )
 from pam_orthosis.discrepancy.answer.unknown_words import short
-from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise, reduced
+from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.fitting.structure import clean
 from pam_orthosis.discrepancy.preparation.mistakes import CHECK
 from pam_orthosis.discrepancy.search.confirmation import at_values
@@ -143,8 +143,7 @@ def _described(outcome: Outcome, names: str) -> str:
     if outcome.unknown is None:
         return names
     what, equation = short(outcome.system, outcome.unknown), outcome.unknown.equation
-    kept = over_noise(outcome.system, outcome.after, outcome.floor)[equation]
-    left = f"leaves {reduced(kept, outcome.unknown.reduced):.1f} times the noise in the {equation} equation"
+    left = f"leaves {outcome.left_unknown:.1f} times the noise in the {equation} equation"
     return f"{names + ', and ' if names else ''}{what}; a description, no cause, which {left}"
 
 
@@ -189,5 +188,5 @@ def _emptied(outcome: Outcome) -> str:
     if not outcome.empty:
         return ""
     names = dict.fromkeys(key.partition(".")[0] for key in outcome.empty)
-    listed = at_values(outcome.selection.final, outcome.empty)
+    listed = at_values(outcome.system, outcome.selection.final, outcome.empty)
     return f"; {' and '.join(names)} would not be what the name says ({listed})"

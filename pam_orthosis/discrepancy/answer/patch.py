@@ -69,7 +69,7 @@ def changes_of(outcome: Outcome) -> dict[str, Any]:
         if (own := of_description(system, one)) and system.changed is not None:
             values = {**values, **one.beside}
         curves |= own
-    return overrides(system, named, values) | curves
+    return overrides(system, named, values) | curves | dict(outcome.unknown.beside)
 
 
 def of_description(system: System, one: Description) -> dict[str, Any]:

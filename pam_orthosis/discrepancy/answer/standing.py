@@ -13,6 +13,7 @@ from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.preparation.beginning import Beginning
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.systems.suspects import VALUE
 from pam_orthosis.discrepancy.unknown.description import LEAST_REDUCED, refitted
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.progress import silent
@@ -47,7 +48,7 @@ def standing(start: Beginning, outcome: Outcome) -> Outcome | None:
         if further is None or further.reduced < now.reduced + MORE:
             break
         outcome, now = other, further
-    return _removing(outcome, now.reduced) if now.reduced >= LEAST_REDUCED else None
+    return _removing(outcome, now) if now.reduced >= LEAST_REDUCED else None
 
 
 def _refitted(outcome: Outcome, bent: _Bent) -> Outcome:
@@ -59,12 +60,32 @@ def _refitted(outcome: Outcome, bent: _Bent) -> Outcome:
     return replace(outcome, unknown=replace(told, descriptions=curves))
 
 
-def _removing(outcome: Outcome, share: float) -> Outcome:
-    """Return an outcome whose curves remove a share of the held-out gap together."""
+def _removing(outcome: Outcome, bent: _Bent) -> Outcome:
+    """Return an outcome whose curves remove as much, and whose parameters are, as in the model with both."""
     told = outcome.unknown
     assert told is not None
-    parts = [replace(one, reduced=one.reduced * share / told.reduced) for one in told.descriptions]
-    return replace(outcome, unknown=replace(told, descriptions=parts))
+    share = bent.reduced / told.reduced
+    parts = [replace(one, reduced=one.reduced * share) for one in told.descriptions]
+    beside = {**_parameters(bent), **_effects(outcome, bent)}
+    return replace(outcome, unknown=replace(told, descriptions=parts, beside=beside))
+
+
+def _parameters(bent: _Bent) -> dict[str, float]:
+    """Return key -> value of the parameters of a recalibrated model, as a model file has them."""
+    system, values = bent.problem.system, bent.model.values
+    moved = {name: one for name in system.wrong if (one := system.recalibrating(name)) is not None}
+    known = {f"{name}.{VALUE}": values[one.name] for name, one in moved.items()}
+    return patch.overrides(system, [*moved], known)
+
+
+def _effects(outcome: Outcome, bent: _Bent) -> dict[str, float]:
+    """Return key -> value of the parameters of named effects, which are recalibrated by their deviation."""
+    found = {}
+    for key, value in patch.changes_of(outcome).items():
+        deviation = bent.model.values.get(key.removeprefix(f"{outcome.system.branch}.").replace(".", "_"))
+        if key.startswith(f"{outcome.system.branch}.") and deviation is not None:
+            found[key] = float(f"{value * (1 + deviation):.6g}")
+    return found
 
 
 def _bent(start: Beginning, outcome: Outcome) -> _Bent | None:
@@ -79,9 +100,7 @@ def _bent(start: Beginning, outcome: Outcome) -> _Bent | None:
         problem, model = refit.recalibrated(Problem(replay, start.problem.scored), silent)
     except OrthosisError:  # effects moved out of their bounds, or it has no minimum
         return None
-    judge = Problem(replay, start.held_out.scored)
-    before, now = (
-        measure.over_noise(outcome.system, gap, outcome.floor)[outcome.unknown.equation]
-        for gap in (outcome.before, measure.gap(judge, model))
-    )
-    return _Bent(problem, judge, model, 1 - (now**2 - 1) / max(before**2 - 1, 1e-12))
+    judge, equation = Problem(replay, start.held_out.scored), outcome.unknown.equation
+    now = measure.over_noise(outcome.system, measure.gap(judge, model), outcome.floor)[equation]
+    gap = outcome.kept[equation] ** 2 - 1
+    return _Bent(problem, judge, model, 1 - (now**2 - 1) / max(gap, 1e-12))

@@ -7,6 +7,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy.answer.digits import digits
 from pam_orthosis.discrepancy.systems.system import System, Values
+from pam_orthosis.discrepancy.unknown.curve_fit import knots_of
 from pam_orthosis.discrepancy.unknown.description import Description, holder
 from pam_orthosis.discrepancy.unknown.events import Event
 from pam_orthosis.discrepancy.unknown.unknown import Unknown
@@ -35,11 +36,16 @@ def _short(system: System, one: Description) -> str:
     return f"{name} {by} {signal} ({period}{one.amplitude[0]:.3g} {one.unit})"
 
 
-def unknown_words(system: System, unknown: Unknown, shares: Values | None = None) -> list[str]:
-    """Return lines on what is left in an equation; `shares` of its gap are explained by signals."""
+def unknown_words(
+    system: System, unknown: Unknown, shares: Values | None = None, carried: bool = True
+) -> list[str]:
+    """Return lines on what is left in an equation.
+
+    `shares` of its gap are explained by signals; `carried`: a model file has what is described.
+    """
     where = f"in the {unknown.equation} equation"
     if unknown.descriptions:
-        return [line for one in unknown.descriptions for line in _words(system, one, where)]
+        return [line for one in unknown.descriptions for line in _words(system, one, where, carried)]
     if unknown.events:
         (equation,) = (one for one in system.equations if one.name == unknown.equation)
         several = len(equation.channels) > 1
@@ -47,7 +53,8 @@ def unknown_words(system: System, unknown: Unknown, shares: Values | None = None
         return [f"unknown {where}: of nothing that was measured; pushes at {pushes}"]
     if (shares or {}).get("time", 0.0) >= DRIFTING:
         return [f"unknown {where}: it changes with time: a sensor's zero that drifts, what wears or warms?"]
-    return [f"unknown {where}: it depends on nothing that was measured, alone"]
+    tried = f"curves of up to {knots_of(system)[-1]} points were tried"
+    return [f"unknown {where}: it depends on nothing that was measured, alone ({tried})"]
 
 
 def _push(system: System, event: Event, named: bool) -> str:
@@ -55,7 +62,7 @@ def _push(system: System, event: Event, named: bool) -> str:
     return f"{event.time:.1f} s ({event.size:+.2g} {unit}{of} for {event.seconds:.1f} s)"
 
 
-def _words(system: System, one: Description, where: str) -> list[str]:
+def _words(system: System, one: Description, where: str, carried: bool) -> list[str]:
     if one.is_constant:
         return [f"unknown {where}: {_short(system, one)}; removes {one.reduced:.0%} of the held-out gap"]
     _, low, high = one.amplitude
@@ -66,7 +73,7 @@ def _words(system: System, one: Description, where: str) -> list[str]:
         f"unknown {where}: {_short(system, one)}, amplitude {low:.{shown}g} .. {high:.{shown}g} {one.unit}"
         f" between {ends}{_with_parabola(one)}; removes {one.reduced:.0%} of the held-out gap{next_best}",
         *resemblance(one),
-        *_carried(system, one),
+        *(_carried(system, one) if carried else ()),
     ]
 
 
@@ -98,11 +105,11 @@ def _carried(system: System, one: Description) -> list[str]:
     return [f"a model file carries this description, which is no cause, as {system.branch}.{known[0]}: {use}"]
 
 
-def unknown_as_dict(system: System, unknown: Unknown | None) -> dict[str, Any] | None:
-    """Return what is left as JSON-ready values."""
+def unknown_as_dict(system: System, unknown: Unknown | None, carried: bool = True) -> dict[str, Any] | None:
+    """Return what is left as JSON-ready values; `carried`: a model file has what is described."""
     if unknown is None:
         return None
-    curves = [_curve_as_dict(system, one) for one in unknown.descriptions]
+    curves = [_curve_as_dict(system, one, carried) for one in unknown.descriptions]
     return {
         "equation": unknown.equation,
         "curve": curves[0] if curves else None,
@@ -111,10 +118,11 @@ def unknown_as_dict(system: System, unknown: Unknown | None) -> dict[str, Any] |
     }
 
 
-def _curve_as_dict(system: System, one: Description) -> dict[str, Any]:
+def _curve_as_dict(system: System, one: Description, carried: bool) -> dict[str, Any]:
+    holding = holder(system, one) if carried else None
     return {
         "channel": one.channel, "enters_as": one.entry.name or "rate", "coordinate": one.coordinate,
-        "unit": one.unit, "period": one.period, "carried_as": (holder(system, one) or (None,))[0],
+        "unit": one.unit, "period": one.period, "carried_as": holding[0] if holding else None,
         "reduced": one.reduced, "level": one.level, "amplitude": list(one.amplitude),
         "places": one.places.tolist(), "values": one.values.tolist(), "without_parabola": one.shape.tolist(),
         "standard_deviations": one.spread.tolist(), "shape_of": one.shape_of,

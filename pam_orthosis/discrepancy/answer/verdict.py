@@ -7,6 +7,7 @@ from pam_orthosis.discrepancy.answer.curves import curves, in_words
 from pam_orthosis.discrepancy.answer.digits import digits, in_short, of_unit
 from pam_orthosis.discrepancy.answer.judgement import GOOD, Outcome, beyond
 from pam_orthosis.discrepancy.answer.last_line import far, last_line, off_words
+from pam_orthosis.discrepancy.answer.patch import DESCRIBED, changes_of, overrides
 from pam_orthosis.discrepancy.answer.unknown_words import unknown_words
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.fitting.structure import Where
@@ -110,15 +111,26 @@ def describe(outcome: Outcome) -> str:
         lines.append(f"gap: {worst.equation} equation; residual explained by {seen}")
     for one in outcome.effects:
         lines.append(_wrong(outcome.system, one) if one.name in wrong else f"effect: {_named(outcome, one)}")
+    lines += _moved_beside(outcome)
     lines += [f"best surrogate, no explanation: {_named(outcome, one)}" for one in outcome.surrogates]
     lines += _others(outcome)
     lines += remark_lines(outcome.remarks)
     lines += _left(outcome)
     if outcome.unknown is not None:
-        shares = {one.equation: one.coordinates for one in outcome.where}
-        lines += unknown_words(outcome.system, outcome.unknown, shares.get(outcome.unknown.equation))
+        shares = {one.equation: one.coordinates for one in outcome.where}.get(outcome.unknown.equation)
+        lines += unknown_words(outcome.system, outcome.unknown, shares, outcome.verdict == DESCRIBED)
     lines.append(last_line(outcome))
     return "\n".join(lines)
+
+
+def _moved_beside(outcome: Outcome) -> list[str]:
+    """Return a line on what is named whose values are others beside what is described."""
+    if outcome.verdict != DESCRIBED or outcome.system.changed is None:
+        return []
+    named, changes = [one.name for one in outcome.effects], changes_of(outcome)
+    alone = overrides(outcome.system, named, outcome.selection.final.values)
+    moved = [f"{key} {changes[key]:.4g}" for key, value in alone.items() if changes[key] != value]
+    return [f"beside what is unknown, and so in a model file: {', '.join(moved)}"] if moved else []
 
 
 def _left(outcome: Outcome) -> list[str]:

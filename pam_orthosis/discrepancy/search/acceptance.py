@@ -41,7 +41,7 @@ def accepted(
         if is_too_small(problem.system, name, model):
             reason = f"{name} is smaller than what is worth a name"
         elif empty := emptied(problem.system, name, model):
-            reason = f"{name} {EMPTY}: {at_values(model, empty)}"
+            reason = f"{name} {EMPTY}: {at_values(problem.system, model, empty)}"
             closes = _closed(problem.weighted(weighted.weights), base, model)
         elif seen.shows or _is_known(problem, base, (evidence, weighted, model), seen):
             return Step(name, model, weighted, evidence, seen.t, ranked, "accepted", gains)

@@ -23,6 +23,7 @@ LEAST_DUE = 36.0  # fall of squared residuals that gives a t of 3 if the model i
 MOST_AGAINST = 9.0  # their rise that speaks against it
 EARLIEST = -1e-3  # s: what acts earlier, acts before its input
 EMPTY = "would not be what its name says"
+LONGEST = ", the longest delay that is tried: give the model what is known of it"
 MOST_SHOWN = 3  # parameters in one line
 REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights below this ratio
 
@@ -164,7 +165,17 @@ def emptied(system: System, name: str, model: Fit) -> tuple[str, ...]:
     return tuple(f"{name}.{q.name}" for q in effect.parameters if q.is_empty(own[q.name]))
 
 
-def at_values(model: Fit, keys: Sequence[str]) -> str:
-    """Return parameters with their values in words, the first ones."""
+def at_values(system: System, model: Fit, keys: Sequence[str]) -> str:
+    """Return parameters with their values in words, the first ones; and what to do about a long delay."""
     shown = ", ".join(f"{key} = {model.values[key]:.4g}" for key in keys[:MOST_SHOWN])
-    return shown + (f" and {len(keys) - MOST_SHOWN} more" if len(keys) > MOST_SHOWN else "")
+    more = f" and {len(keys) - MOST_SHOWN} more" if len(keys) > MOST_SHOWN else ""
+    longest = any(_is_longest(system, model, key.partition(".")[0]) for key in keys)
+    return shown + more + LONGEST * longest
+
+
+def _is_longest(system: System, model: Fit, name: str) -> bool:
+    """Return whether an effect is a delay that would be longer than any that is tried."""
+    effect = system.catalogue[name]
+    return effect.late is not None and any(
+        model.values[f"{name}.{q.name}"] >= q.maximum for q in effect.fitted
+    )

@@ -13,7 +13,7 @@ from pam_orthosis.discrepancy.fitting.fit import Fit, scaled_slopes
 from pam_orthosis.discrepancy.fitting.structure import signals_of
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.search.confirmation import LEAST_T, block_sums, t_value
-from pam_orthosis.discrepancy.systems.system import Entry, Equation
+from pam_orthosis.discrepancy.systems.system import Entry, Equation, System
 from pam_orthosis.discrepancy.unknown.injection import Injection, injection
 
 KNOTS = (8, 20)  # of a curve: as few as held-out recordings allow
@@ -59,6 +59,11 @@ class Fitted:
     left: tuple[np.ndarray, np.ndarray]
 
 
+def knots_of(system: System) -> tuple[int, ...]:
+    """Return how many points the curves of a system may have, fewest first."""
+    return KNOTS if system.changed is None else (*KNOTS, MORE_KNOTS)
+
+
 class CurveFit:
     """Fits splines over signals to an equation's residuals beside the model's free parameters.
 
@@ -85,7 +90,7 @@ class CurveFit:
                 self._linearise(group, one)
         self._size = {(c, entry): self._size_of(c, entry) for _, c, entry in self._levers}
         self._without = self.fit(())
-        self._knots = KNOTS if problem.system.changed is None else (*KNOTS, MORE_KNOTS)
+        self._knots = knots_of(problem.system)
         squares = self._without.left[1]
         over = float(squares @ squares) / len(squares) - 1
         self._simpler = min(SIMPLER, VISIBLE / over) if over > 0 else SIMPLER

@@ -88,14 +88,15 @@ class Description:
 
     @property
     def amplitude(self) -> tuple[float, float, float]:
-        """Half the range of the shape, with its 95 % interval."""
+        """Half the range of the shape, or the amplitude of the wave that it is, with its 95 % interval."""
+        if self.period is not None:
+            return _with_interval(*_wave(self.places, self.shape, self.covariance, self.period))
         sure = self.spread <= UNSURE * np.median(self.spread)
         shown = np.where(sure, self.shape, np.nan)
         top, bottom = int(np.nanargmax(shown)), int(np.nanargmin(shown))
         size = 0.5 * float(self.shape[top] - self.shape[bottom])
         contrast = self.covariance[top] - self.covariance[bottom]
-        half = 0.5 * QUANTILE * float(np.sqrt(max(contrast[top] - contrast[bottom], 0.0)))
-        return size, size - half, size + half
+        return _with_interval(size, 0.25 * float(contrast[top] - contrast[bottom]))
 
     @property
     def spread(self) -> np.ndarray:
@@ -285,6 +286,26 @@ def holder(system: System, one: Description) -> tuple[str, str] | None:
     if not one.entry.held or coordinate is None:
         return None
     return one.entry.held, coordinate
+
+
+def _with_interval(size: float, variance: float) -> tuple[float, float, float]:
+    """Return a size with the ends of its 95 % interval."""
+    half = QUANTILE * float(np.sqrt(max(variance, 0.0)))
+    return size, size - half, size + half
+
+
+def _wave(
+    places: np.ndarray, curve: np.ndarray, covariance: np.ndarray, period: float
+) -> tuple[float, float]:
+    """Return the amplitude of a curve's wave about a line, and its variance."""
+    weight = 1 / np.maximum(np.diag(covariance), 1e-300)
+    angle = 2 * np.pi * places / period
+    waves = np.column_stack([np.ones_like(places), places, np.sin(angle), np.cos(angle)])
+    fit = np.linalg.lstsq(np.sqrt(weight)[:, None] * waves, np.diag(np.sqrt(weight)), rcond=None)[0][2:]
+    parts = fit @ curve
+    size = float(np.hypot(*parts))
+    along = parts @ fit / max(size, 1e-300)
+    return size, float(along @ covariance @ along)
 
 
 def wave_period(places: np.ndarray, curve: np.ndarray, spread: np.ndarray) -> float | None:

@@ -2,11 +2,12 @@
 """What is said of a gap that no effect explains: curves over signals, events, or neither."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pam_orthosis.discrepancy.fitting import measure
 from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.systems.system import Values
 from pam_orthosis.discrepancy.unknown.description import Description, described
 from pam_orthosis.discrepancy.unknown.events import Event, events
 
@@ -21,11 +22,14 @@ class Unknown:
         equation: its name.
         descriptions: as curves over signals, one a channel at most.
         events: of the held-out recordings, if these are most of it.
+        beside: key of a model file -> the value that a parameter has beside the descriptions, in a model that
+            has them.
     """
 
     equation: str
     descriptions: Sequence[Description]
     events: Sequence[Event]
+    beside: Values = field(default_factory=dict)
 
     @property
     def reduced(self) -> float:
