@@ -156,10 +156,10 @@ def test_a_description_of_one_equation_does_not_describe_the_other(friction):
 
     def reported(angle, pressure):
         white = {**outcome.after.white, "angle": angle, "flexor_pressure": pressure}
-        one = replace(
-            outcome, verdict="partial", after=Gap({}, white), floor=Gap({}, dict.fromkeys(white, 1.0))
-        )
-        return one.described(left)
+        floor, gap = Gap({}, dict.fromkeys(white, 1.0)), Gap({}, white)
+        # an effect that is no explanation leaves what is there without it
+        before = gap if outcome.effects == () else outcome.before
+        return replace(outcome, verdict="partial", before=before, after=gap, floor=floor).described(left)
 
     assert reported(20.0, 1.0).verdict == "described"
     assert reported(20.0, 3.0).verdict == "partial"

@@ -138,7 +138,7 @@ class Outcome:
 
     def described(self, left: Unknown | None) -> Outcome:
         """Return the outcome with what can be said of what is left."""
-        kept = self.kept
+        kept = measure.over_noise(self.system, self.after, self.floor)
         known = left is not None and bool(left.descriptions)
         if left is not None:
             kept[left.equation] = measure.reduced(kept[left.equation], left.reduced)
@@ -151,7 +151,7 @@ class Outcome:
                 ("effects", "surrogates", "look_alikes", "separated_by"), ()
             )
             return replace(self, verdict="unexplained", runner_up=None, foreign=True, **nothing)
-        others = [value for name, value in kept.items() if left is None or name != left.equation]
+        others = [value for name, value in self.kept.items() if left is None or name != left.equation]
         whole = known and max(others, default=0.0) <= NEAR
         return replace(self, verdict="described" if whole else self.verdict, unknown=left)
 
