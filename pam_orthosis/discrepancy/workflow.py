@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
-from pam_orthosis.discrepancy.answer.between import remarks_on_inputs
+from pam_orthosis.discrepancy.answer.between import remarks_on_inputs, stamped_late
 from pam_orthosis.discrepancy.answer.judgement import OPEN, Outcome, outcome_of
 from pam_orthosis.discrepancy.answer.patch import DESCRIBED
 from pam_orthosis.discrepancy.answer.standing import standing
@@ -83,7 +83,7 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
         outcome = outcome_of(start, bare, settings, remarks)
     if outcome.verdict not in OPEN:
         return outcome.of_mistaken() if start.mistaken else outcome.of_skewed(start.stamps, start.skewed)
-    if outcome.foreign:
+    if outcome.foreign or (not outcome.effects and stamped_late(start.system, found.steps)):
         return outcome.described(None)
     progress("describing what is left")
     if not outcome.effects:  # surrogates explain nothing: what they hide is left too

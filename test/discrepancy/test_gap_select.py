@@ -13,6 +13,7 @@ from pam_orthosis.discrepancy.fitting.fit import Block, Fit, score
 from pam_orthosis.discrepancy.fitting.fit import _descended as descended
 from pam_orthosis.discrepancy.fitting.free import Free
 from pam_orthosis.discrepancy.search import (
+    acceptance,
     elimination,
     exchange,
     screening,
@@ -356,3 +357,15 @@ def test_a_candidate_whose_replay_runs_away_gains_nothing():
         trial = SimpleNamespace(name="bold", residuals=lambda _, far=far: {"torque": np.full(9, far)})
         with np.errstate(over="ignore"):
             assert secant_gain(projection, trial, np.zeros(1)) == pytest.approx(gain)
+
+
+def test_what_an_effect_closes_counts_from_the_noise():
+    """Of residuals that are hardly above the noise no model removes much."""
+    blocks = {"torque": Block(np.zeros(100), np.zeros((100, 0)), ())}
+    base, model = (SimpleNamespace(effects=names, values={}, blocks=blocks) for names in ((), ("creep",)))
+    squares = {(): 480.0, ("creep",): 404.0}
+    problem = SimpleNamespace(weights={"torque": 2.0}, total=lambda effects, values: squares[effects])
+    assert acceptance._closed(problem, base, model) == pytest.approx(0.95)
+    assert acceptance._closed(problem, model, base) < 0
+    squares[()] = 400.0
+    assert acceptance._closed(problem, base, model) == 0.0, "nothing is above the noise"

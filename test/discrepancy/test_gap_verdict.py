@@ -26,6 +26,7 @@ from pam_orthosis.discrepancy.preparation.glitches import OF_POSITIONS, glitches
 from pam_orthosis.discrepancy.recordings.data import from_arrays
 from pam_orthosis.discrepancy.request import assumed_words
 from pam_orthosis.discrepancy.search import acceptance, confirmation
+from pam_orthosis.discrepancy.search.selection import Step
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.unknown.events import Event
 from pam_orthosis.discrepancy.unknown.unknown import Unknown
@@ -601,3 +602,14 @@ def test_an_effect_may_close_the_gap_of_its_own_equation_alone(bench):
     assert not judgement._closes_own(found, "valve_lag", small, closed)
     assert not judgement._closes_own(found, "valve_lag", large, dict.fromkeys(channels, 0.7))
     assert not judgement._closes_own(found, "extensor_pressure_delay", large, dict.fromkeys(channels, 0.9))
+
+
+def test_what_stamps_seem_to_do_is_not_described(friction, monkeypatch):
+    start, outcome, settings = friction
+    late = Step(None, None, None, 99.0, 5.0, (), f"valve_delay {confirmation.EMPTY}: d = -0.004", closes=0.99)
+    found = replace(outcome.selection, steps=[late], final=start.null, final_problem=start.problem)
+    monkeypatch.setattr(workflow.select, "extended", lambda *_: found)
+    monkeypatch.setattr(workflow, "unknown", lambda *_: pytest.fail("it was described"))
+    told = workflow.search(start, settings)
+    assert told.verdict == "unexplained"
+    assert "as if extensor_voltage and flexor_voltage were stamped late" in describe(told).splitlines()[-1]

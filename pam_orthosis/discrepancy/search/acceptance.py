@@ -53,8 +53,10 @@ def accepted(
 
 
 def _closed(problem: Problem, base: Fit, model: Fit) -> float:
-    """Return by which share a model's squared residuals are smaller."""
-    return 1.0 - problem.total(model.effects, model.values) / problem.total(base.effects, base.values)
+    """Return by which share what a model leaves above the noise is less than what its base leaves."""
+    noise = sum(problem.weights[name] ** 2 * len(block.residual) for name, block in base.blocks.items())
+    before, after = (problem.total(one.effects, one.values) - noise for one in (base, model))
+    return 1.0 - after / before if before > 0 else 0.0
 
 
 def _is_known(problem: Problem, base: Fit, judged: tuple[float, Problem, Fit], seen: Seen) -> bool:

@@ -223,7 +223,11 @@ def _descriptions(curves: CurveFit, chosen: Collection[_Chosen]) -> tuple[Descri
     if whole < LEAST_REDUCED:
         return ()
     unit = whole / added
-    parts = [(unit * one.share / len(one.splines), one.runner_up) for one in chosen for _ in one.splines]
+    parts = [
+        (unit * one.share / len(one.splines), one.runner_up if len(one.splines) == 1 else None)
+        for one in chosen
+        for _ in one.splines
+    ]
     return tuple(_description(curves, found, k, *part) for k, part in enumerate(parts))
 
 
