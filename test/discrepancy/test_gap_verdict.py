@@ -16,6 +16,7 @@ from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer import judgement, patch, verdict
+from pam_orthosis.discrepancy.answer import last_line as last_line_of
 from pam_orthosis.discrepancy.answer.contract import as_dict
 from pam_orthosis.discrepancy.answer.last_line import with_rivals
 from pam_orthosis.discrepancy.answer.verdict import _share, describe
@@ -613,3 +614,16 @@ def test_what_stamps_seem_to_do_is_not_described(friction, monkeypatch):
     told = workflow.search(start, settings)
     assert told.verdict == "unexplained"
     assert "as if extensor_voltage and flexor_voltage were stamped late" in describe(told).splitlines()[-1]
+
+
+@pytest.mark.parametrize("worn", [False, True])
+def test_masses_that_are_off_may_be_forces_unless_a_person_is_there(friction, worn):
+    _, outcome, _ = friction
+    final = replace(outcome.selection.final, values={**outcome.selection.final.values, "moving_mass": 0.13})
+    known = [one for one in outcome.system.calibrations if one.name != "person_mass"]
+    person = replace(known[0], name="person_mass")
+    system = replace(outcome.system, calibrations=(*known, person) if worn else tuple(known))
+    far = replace(outcome, system=system, selection=replace(outcome.selection, final=final))
+    told = last_line_of._moved(far, {"moving_mass": 4.3})
+    forces = " (or all forces 0.885 times)" * (not worn)
+    assert told == f"moving_mass 1.13 times as large{forces} (4.3 times its tolerance)"

@@ -24,6 +24,7 @@ from pam_orthosis.discrepancy.systems.system import System, Values
 
 MOST_RIVALS = 3  # of an effect
 NOISE = "noise only is left"
+MASSES, PERSON = "moving_mass", "person_mass"  # without a person masses act by their ratio to the forces
 HIDES, MOST_HIDING = 5.0, 3  # times the noise, of the nominal model; tolerances that may hide it
 NOTABLE = 10.0  # evidence that is worth a word though no name: where nothing is hidden, the best one has less
 
@@ -131,10 +132,12 @@ def _moved(outcome: Outcome, moved: Values) -> str:
     """Return how far parameters were moved, in multiples of how far they were stated to be off."""
     words, values = [], outcome.selection.final.values
     known = {one.name: one for one in outcome.system.calibrations}
+    by_ratio = () if PERSON in known else (MASSES,)
     for name, times in moved.items():
         off, one = values[name], known.get(name)
         size = f" {float(one.applied(off)) - one.nominal:+.3g} {one.unit} off" if one else ""
         size = f" {1 + off:.3g} times as large" if one and one.relative else size
+        size += f" (or all forces {1 / (1 + off):.3g} times)" if name in by_ratio else ""
         words.append(f"{name}{size} ({abs(times):.1f} times its tolerance)")
     return ", ".join(words)
 
