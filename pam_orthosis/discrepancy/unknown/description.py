@@ -29,16 +29,14 @@ from pam_orthosis.discrepancy.unknown.curve_fit import (
     Term,
     without_parabola,
 )
+from pam_orthosis.discrepancy.unknown.waves import wave_amplitude, wave_period
 
 LEAST_REDUCED = 0.5  # share of the held-out gap that descriptions of an equation remove, at least
 LEAST_ADDED = 0.2  # of that gap: what one of several removes
 NEAR = 0.05  # of that gap: signals that differ by less are told apart by the equation, not by the recordings
-CYCLES, FITS = 1.5, 0.94  # a curve is periodic if so many waves are in its range and explain so much of it
-FEWEST_KNOWN = 6.0  # knots: fewer are matched by almost any wave
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
 MOSTLY = 0.5  # of the samples that judge, inside the range that was fitted
 CONSTANT = 3.0  # mean of a curve over half of its range
-ROUNDING = 1e-9  # of a curve's squares: what is smaller is a line
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class Description:
     def amplitude(self) -> tuple[float, float, float]:
         """Half the range of the shape, or the amplitude of the wave that it is, with its 95 % interval."""
         if self.period is not None:
-            return _with_interval(*_wave(self.places, self.shape, self.covariance, self.period))
+            return _with_interval(*wave_amplitude(self.places, self.shape, self.covariance, self.period))
         sure = self.spread <= UNSURE * np.median(self.spread)
         shown = np.where(sure, self.shape, np.nan)
         top, bottom = int(np.nanargmax(shown)), int(np.nanargmin(shown))
@@ -296,48 +294,3 @@ def _with_interval(size: float, variance: float) -> tuple[float, float, float]:
     """Return a size with the ends of its 95 % interval."""
     half = QUANTILE * float(np.sqrt(max(variance, 0.0)))
     return size, size - half, size + half
-
-
-def _wave(
-    places: np.ndarray, curve: np.ndarray, covariance: np.ndarray, period: float
-) -> tuple[float, float]:
-    """Return the amplitude of a curve's wave about a line, and its variance."""
-    weight = 1 / np.maximum(np.diag(covariance), 1e-300)
-    angle = 2 * np.pi * places / period
-    waves = np.column_stack([np.ones_like(places), places, np.sin(angle), np.cos(angle)])
-    fit = np.linalg.lstsq(np.sqrt(weight)[:, None] * waves, np.diag(np.sqrt(weight)), rcond=None)[0][2:]
-    parts = fit @ curve
-    size = float(np.hypot(*parts))
-    along = parts @ fit / max(size, 1e-300)
-    return size, float(along @ covariance @ along)
-
-
-def wave_period(places: np.ndarray, curve: np.ndarray, spread: np.ndarray) -> float | None:
-    """Return the period of a curve that is a wave about a line; None if it is none, or too coarsely known.
-
-    Args:
-        places, curve: knots and values.
-        spread: their standard deviations: places that were hardly visited count little.
-    """
-    width = float(places[-1] - places[0])
-    line = np.column_stack([np.ones_like(places), places])
-    flat = curve - line @ np.linalg.lstsq(line, curve, rcond=None)[0]
-    tried = np.arange(1.0, len(places) / 3, 0.05)  # also few waves: what fits best there is no wave yet
-    if width <= 0 or not len(tried) or not float(flat @ flat) > ROUNDING * float(curve @ curve):
-        return None
-    weight = 1 / np.maximum(spread, 1e-9 * spread.max())
-    known = np.sum(weight) ** 2 / np.sum(weight**2)  # knots, if those that are known less count less
-    if known < FEWEST_KNOWN:
-        return None
-    fits = [_explained(places, curve, weight, width / cycles) for cycles in tried]
-    cycles = float(tried[np.argmax(fits)])
-    return width / cycles if cycles >= CYCLES and max(fits) > FITS else None
-
-
-def _explained(places: np.ndarray, curve: np.ndarray, weight: np.ndarray, period: float) -> float:
-    """Return the share of a weighted curve, beside a line, that a wave of some period explains."""
-    angle = 2 * np.pi * places / period
-    waves = np.column_stack([np.ones_like(places), places, np.sin(angle), np.cos(angle)]) * weight[:, None]
-    goal = weight * curve
-    rest = [goal - part @ np.linalg.lstsq(part, goal, rcond=None)[0] for part in (waves[:, :2], waves)]
-    return 1 - float(rest[1] @ rest[1]) / float(rest[0] @ rest[0])
