@@ -56,7 +56,7 @@ NOMINAL = {
     "control.pressure.gain": 40.0,
     "control.pressure.reference_filter": 50.0,
 }
-OF_MACHINES = "scenario.control_period", "scenario.start_hold", "valve.dead_band", "valve.delay"
+OF_MACHINES = "scenario.control_period", "scenario.start_hold", "valve.delay"  # a file may state others
 GAIT_SECONDS, HELD_OUT_GAIT_SECONDS, PUSH_SECONDS = 20.0, 14.0, 120.0
 WAVES = 9  # of a torque that wanders
 CENTRE = np.array([0.08] + [0.0] * 6)  # rad: keeps drawn gaits off the stops
@@ -93,15 +93,14 @@ def nominal(machine: Machine | None = None) -> Parameters:
         OrthosisError: it cannot be emulated.
     """
     if machine is None or machine.kind == "knee":
-        return load(NOMINAL, machine)
-    known = {key: NOMINAL[key] for key in OF_MACHINES if key not in machine.values}
-    own = load(known, machine)
-    loops = {key: value for key, value in NOMINAL.items() if key.startswith("control.")}
-    slower = {key: min(value, own.at(key)) for key, value in loops.items()}
-    own = own.changed(slower)
-    return own.changed(
-        {key: False for key in own.flat() if key.startswith("effects.") and own.at(key) is True}
-    )
+        own = load(NOMINAL, machine)
+    else:
+        known = {key: NOMINAL[key] for key in OF_MACHINES if key not in machine.values}
+        own = load({**known, "valve.dead_band": 0.0}, machine)  # the plant has none to compensate
+        loops = {key: value for key, value in NOMINAL.items() if key.startswith("control.")}
+        own = own.changed({key: min(value, own.at(key)) for key, value in loops.items()})
+    present = (key for key in own.flat() if key.startswith("effects.") and own.at(key) is True)
+    return own.changed(dict.fromkeys(present, False))
 
 
 def make_case(

@@ -34,7 +34,7 @@ class HiddenPlant:
 
     Args:
         parameters: the nominal model; what the plant is without deviations, misfits and hidden effects.
-        hidden: sizes of the hidden effects.
+        hidden: sizes of the hidden effects; a hidden dead time comes on top of the nominal one.
         deviations: of the nuisance parameters, keys as `motions.tolerances` has them.
         misfits: arrays of `Maps` that differ from none (force_waves, valve_waves, volume_waves, torque).
         seed: of the sensor noise.
@@ -52,6 +52,7 @@ class HiddenPlant:
         period = parameters.scenario.control_period
         self.period_ns = round(period * 1e9)
         self._steps = round(period / physics.STEP)
+        hidden = hidden._replace(valve_delay=parameters.valve.delay + hidden.valve_delay)
         self._parts = (*apparatuses(parameters, off), hidden, *_maps(parameters, off, misfits))
         self._a = self._parts[0]
         self._offsets = [off[f"{name}_offset"] for name in machine.channels]
@@ -72,7 +73,7 @@ class HiddenPlant:
 
     def advance(self, *voltages: float) -> None:
         """Integrate one control period with the voltages of both valves held."""
-        ue, uf = self._held = self._above_closed(*voltages)
+        ue, uf = self._above_closed(*voltages)
         self._index = physics.advance(
             self.x, self._wheel, self._spools, self._anchors, self._ring, self._index, self._steps,
             ue, uf, *self._parts,
@@ -83,7 +84,7 @@ class HiddenPlant:
         return Truth(*self.x[:2].tolist())
 
     def _sense(self) -> tuple[float, float, float]:
-        ue, uf = self._held
+        ue, uf = self._spools.tolist()
         return physics.sense(
             self.x, self._wheel, self._anchors, self._ring, self._index, ue, uf, *self._parts
         )
@@ -100,7 +101,6 @@ class HiddenPlant:
         place = parameters.at(parameters.declared.start)
         self.x = np.zeros(physics.STATES)
         self.x[:4] = place, 0.0, mean, mean
-        self._held = (0.0, 0.0)
         self._wheel, self._spools = np.array([place]), np.zeros(2)
         first, second, *slopes = strokes(place, 1.0, self._a, self._parts[3])
         self._anchors = np.outer([first, second], np.ones(physics.ELEMENTS))

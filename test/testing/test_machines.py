@@ -30,6 +30,7 @@ def plain(name):
     off = {key: False for key in flat if key.startswith("plant.effects.") and key.endswith(".enabled")}
     off |= {key: 1.0 for key in flat if key.startswith("plant.deviation.")}
     off |= {key: 0.0 for key in flat if key.startswith(("plant.delay.", "plant.mounting."))}
+    off["plant.delay.valve"] = p.valve.delay
     sensors = {key for key in flat if key.startswith(("plant.sensor.", f"{machine.sensor}_"))}
     off |= dict.fromkeys(sensors, 0.0)
     exact = {"plant.muscle_law": "polynomial", "plant.voltage_resolution": 0.0}
@@ -51,6 +52,34 @@ def test_with_nothing_hidden_it_is_the_nominal_model(name, monkeypatch):
     assert np.abs(independent[q] - model[q]).max() < 1e-4 * np.ptp(model[q])
     for one in p.declared.names:
         assert np.abs(independent[f"{one}_pressure"] - model[f"{one}_pressure"]).max() < 10.0
+
+
+@pytest.mark.parametrize(("name", "delay"), [("ankle", 5e-3), ("knee", 0.0)])
+def test_a_nominal_model_has_nothing_that_the_plant_has_not(name, delay, tmp_path):
+    """A dead time is in both, or in none; effects and what controllers do against a dead band are not."""
+    text = (ROOT / "config" / "machines" / f"{name}.yaml").read_text().replace("  valve.delay: 9.9e-3", "")
+    text += "" if "values:" in text else "values:\n"
+    stated = {"valve.delay": 5e-3, "valve.dead_band": 0.2, "effects.joint_friction.enabled": "true"}
+    file = tmp_path / "own.yaml"
+    file.write_text(text + "".join(f"  {key}: {value}\n" for key, value in stated.items()))
+    p = cases.nominal(machine_named(file))
+    assert (p.valve.delay, p.valve.dead_band) == (delay, 0.0)
+    assert not p.at("effects.joint_friction.enabled")
+    assert HiddenPlant(p)._parts[2].valve_delay == delay
+
+
+def test_air_comes_after_the_stated_dead_time_and_the_hidden_one():
+    p = cases.nominal(machine_named(Path("ankle")))
+    plant = HiddenPlant(p, Hidden(valve_delay=4e-3, hose=1.5e6))
+    plain = HiddenPlant(p, Hidden(hose=1.5e6))
+    begun = []
+    for one in (plain, plant):
+        sensed = [one._sense()[1]]
+        while sensed[-1] - sensed[0] < 500.0:
+            one.advance(7.0, 5.0)
+            sensed.append(one._sense()[1])
+        begun.append((len(sensed) - 2) * p.scenario.control_period)
+    assert begun == pytest.approx([8e-3, 12e-3])
 
 
 @pytest.mark.parametrize("name", MACHINES)
