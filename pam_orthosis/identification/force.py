@@ -105,14 +105,18 @@ def nominal_rank(s: Samples, degrees: tuple[int, int]) -> int:
 
 
 def balanced_weights(s: Samples) -> np.ndarray:
-    """Return the weights 1 / sigma, evened so that each direction of a level counts the same.
+    """Return the weights 1 / sigma, evened so that both directions of a level count the same.
 
     The hysteresis has opposite signs in both directions: more samples of one would pull the model
-    to its side.
+    to its side. A row at rest counts as one that moves, all of a level at most as one direction: a turning
+    point has few.
     """
-    level, direction = (np.unique(one, return_inverse=True)[1] for one in (s.level, s.direction))
-    member = level * (direction.max() + 1) + direction
-    return np.asarray(1 / s.sigma / np.sqrt(np.bincount(member)[member]))
+    level = np.unique(s.level, return_inverse=True)[1]
+    way = np.sign(s.direction).astype(int) + 1
+    count = np.bincount(3 * level + way, minlength=3 * (level.max() + 1)).reshape(-1, 3).astype(float)
+    moving = count[:, [0, 2]]
+    count[:, 1] = np.maximum(count[:, 1], moving.sum(axis=1) / np.maximum((moving > 0).sum(axis=1), 1))
+    return np.asarray(1 / s.sigma / np.sqrt(count[level, way]))
 
 
 def fit_force(s: Samples, damping: float = 0.0, degrees: tuple[int, int] = (3, 4)) -> ForceFit:

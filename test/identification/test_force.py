@@ -67,6 +67,22 @@ def test_the_normal_equations_of_eq_23_agree_where_they_can_be_solved():
     assert np.concatenate([fit.model.a, fit.model.b]) == pytest.approx(theta, rel=1e-6)
 
 
+@pytest.mark.parametrize(("resting", "share"), [(3, 3 / 90), (90, 1.0), (400, 1.0), (0, 0.0)])
+def test_rows_at_rest_count_by_their_number_and_at_most_as_one_direction(resting, share):
+    """A turning point of three rows is no direction of its own."""
+    way = np.repeat([1.0, -1.0, 0.0], [60, 120, resting])
+    one = np.ones_like(way)
+    s = Samples(1e5 * one, 0.01 * one, 0.0 * one, one, one, one, -one, way)
+    squares = balanced_weights(s) ** 2
+    assert [squares[way == sign].sum() for sign in (1, -1, 0)] == pytest.approx([1.0, 1.0, share])
+
+
+def test_without_any_direction_each_level_counts_the_same():
+    one, level = np.ones(40), np.repeat([1e5, 2e5], [10, 30])
+    squares = balanced_weights(Samples(level, 0.01 * one, 0.0 * one, one, one, level, -one)) ** 2
+    assert [squares[level == at].sum() for at in (1e5, 2e5)] == pytest.approx([1.0, 1.0])
+
+
 def test_blocks_of_samples_give_what_all_at_once_give():
     s = samples(lengths=500, noise=3.0, rate=0.05)
     assert len(s) > 3 * BLOCK

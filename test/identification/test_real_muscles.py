@@ -62,6 +62,27 @@ def test_rows_of_the_slack_muscle_are_found_and_left_out(three):
     assert found.errors(held_out=False)["rms"] < 0.5 * slack_too
 
 
+def test_few_rows_at_turning_points_do_not_bend_the_fit(tmp_path):
+    """By time they are at rest, by a column direction they move: the same muscle."""
+    out = np.linspace(0.001, 0.05, 61)
+    x, way = np.tile(np.r_[out, out[-2::-1]], 6), np.tile(np.repeat([1.0, -1.0], [61, 60]), 6)
+    p, time = np.repeat(LEVELS + 1.5e5, 121), np.arange(726) * 0.1 + np.repeat(np.arange(6), 121) * 60.0
+    shown = static_force(x, p) - 20.0 * way
+    columns = {"p_Pa_gauge": p, "L_m": LENGTH - x, "F_N": shown, "t_s": time, "direction": way}
+    files = [
+        write(tmp_path / f"{last}.csv", np.column_stack([columns[n] for n in names]), ",".join(names))
+        for last in ("t_s", "direction")
+        for names in [("p_Pa_gauge", "L_m", "F_N", last)]
+    ]
+    timed, marked = (identify(read(file)) for file in files)
+    assert 0 < (timed.training.direction == 0).sum() < 0.03 * len(p)
+    apart = timed.force.model.towing(x, p) - marked.force.model.towing(x, p)
+    assert np.abs(apart).max() < 1.5
+    printed = describe(timed)
+    assert "  shortening " in printed
+    assert "  rest " not in printed
+
+
 @pytest.fixture(scope="module")
 def rubbing(tmp_path_factory):
     """Three repeats with much friction: the model is off by far more than the load cell's noise."""
