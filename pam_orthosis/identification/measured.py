@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a measured table holds: force of a muscle, its volume, or a free decay."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -173,20 +174,28 @@ def _direction(rate: np.ndarray) -> np.ndarray:
 
 
 def numbered_repeats(parts: Sequence[Samples]) -> list[Samples]:
-    """Return samples with the number of their repeat: a run at pressures that an earlier one had is one.
+    """Return samples with the number of their repeat, over all tables and bags.
 
-    Numbers that a table gives stay.
+    Each counts from its own first number: repeats 1 to 3 of two tables at the same pressures are six. Its
+    numbers are raised together until each is new at its pressures. At other pressures they stay, and the
+    same number is the same repeat, which may be spread over several tables or bags.
     """
-    known: list[set[int]] = []
+    known: dict[float, set[int]] = {}
     found = []
-    shared = 0.5  # of a table's pressure levels, that an earlier one has too if it is a repeat
     for one in parts:
-        if np.ptp(one.repeat) > 0:
-            found.append(one)
-            continue
-        own = set(np.round(one.level, -4).astype(int).tolist())
-        number = next((i for i, seen in enumerate(known) if len(own & seen) < shared * len(own)), len(known))
-        known += [set()] if number == len(known) else []
-        known[number] |= own
-        found.append(replace(one, repeat=np.full(len(one), float(number))))
+        rows = ((number, one.level[one.repeat == number]) for number in np.unique(one.repeat).tolist())
+        own = {number: set(np.round(level, -4).astype(int).tolist()) for number, level in rows}
+        raised = next(by for by in count() if not _known(own, known, by))
+        for number, pressures in own.items():
+            known[number + raised] = known.get(number + raised, set()) | pressures
+        found.append(replace(one, repeat=one.repeat + raised))
     return found
+
+
+def _known(own: Mapping[float, set[int]], known: Mapping[float, set[int]], raised: int) -> bool:
+    """Return whether a raised number has the pressures of its repeat already."""
+    shared = 0.5  # of the pressures of a repeat
+    return any(
+        len(pressures & known.get(number + raised, set())) >= shared * len(pressures)
+        for number, pressures in own.items()
+    )
