@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from io import StringIO
 from typing import TYPE_CHECKING
 
-from pam_orthosis.control.reference import Valve, as_number
+from pam_orthosis.control.reference import Valve
 from pam_orthosis.control.trajectory import make_trajectory
 from pam_orthosis.model.parameters import Parameters, experiments, scenario_overrides
 
@@ -34,6 +34,8 @@ def next_experiment(
 def references(name: str, parameters: Parameters) -> str:
     """Return a CSV table: time s, position rad or m, mean pressure absolute Pa, whether valves are closed.
 
+    The pressure is empty where valves are closed, or the controller's own is to be held.
+
     OrthosisError if the experiment is not for this machine, or its stops are in the way.
     """
     parameters = parameters.changed(scenario_overrides(name))
@@ -46,9 +48,10 @@ def references(name: str, parameters: Parameters) -> str:
     period_ns = 10_000_000  # a controller interpolates
     for time_ns in range(0, round(parameters.scenario.duration * 1e9), period_ns):
         now = experiment.sample(time_ns)
-        mean = "" if now.mean_pressure is None else f"{as_number(now.mean_pressure):.0f}"
-        closed = int(now.mean_pressure is Valve.CLOSED)
-        table.writerow((f"{time_ns * 1e-9:.2f}", f"{now.position:.5f}", mean, closed))
+        asked = now.mean_pressure
+        mean = "" if asked is None or isinstance(asked, Valve) else f"{asked:.0f}"  # no 0, which is vacuum
+        row = f"{time_ns * 1e-9:.2f}", f"{now.position:.5f}", mean, int(asked is Valve.CLOSED)
+        table.writerow(row)
     return text.getvalue()
 
 
