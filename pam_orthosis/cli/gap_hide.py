@@ -80,4 +80,8 @@ def _effects(names: list[str]) -> int | list[str]:
         return 0
     if "none" in names or 0 < names.count("random") < len(names):
         raise OrthosisError("--effect: give names, or `random` once or more, or `none` alone")
-    return len(names) if names[0] == "random" else names
+    if names[0] == "random":
+        return len(names)
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise OrthosisError(f"--effect {twice[0]} is given twice; give it once")
+    return names

@@ -80,6 +80,8 @@ def read_recordings(asked: Asked, workers: Workers, progress: Progress = silent)
         raise OrthosisError("--system and --machine each say what the recordings are of: give one")
     check_apart(asked.measured, asked.held_out)
     mapping = read_mapping(asked.columns)
+    if mapping and not any(map(is_table, asked.paths)):
+        raise OrthosisError("--columns: only tables have columns, and these are bags; leave it out")
     known = _of_system(asked.system, asked.model) if asked.system else _of_apparatus(asked, mapping)
     known = known._replace(system=with_columns(known.system, mapping, known.optional))
     heading = assumed_words(known.assumed, len(asked.paths), asked.model)

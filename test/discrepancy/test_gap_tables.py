@@ -150,6 +150,12 @@ def test_an_unusable_mapping_says_why(tmp_path, capsys, mapping, words):
     assert words in capsys.readouterr().err
 
 
+def test_a_mapping_without_tables_is_refused(tmp_path, capsys):
+    bag, *_ = write_example("friction", tmp_path / "case")
+    assert main(["gap", str(bag), "--columns", "time=foo", "--until", "check"]) == 2
+    assert "--columns: only tables have columns, and these are bags; leave it out" in capsys.readouterr().err
+
+
 def test_missing_rows_are_bridged_and_counted():
     kept = np.delete(np.arange(1000), [100, 101, 400, 700])
     time, angle, volts = 0.002 * kept, np.sin(kept / 50.0), np.floor(kept / 10.0)

@@ -234,6 +234,7 @@ def test_a_case_is_not_overwritten(short_case, tmp_path):
     [
         (["--effect", "ghost"], "no effect 'ghost'"),
         (["--effect", "none", "--effect", "creep"], "give names"),
+        (["--effect", "creep", "--effect", "creep"], "--effect creep is given twice; give it once"),
         (["--outside", *["--effect", "random"] * 11], "11 effects to hide; there are 10"),
         (["--seed", "-1"], "whole number"),
         (["--size", "huge"], "invalid choice"),
