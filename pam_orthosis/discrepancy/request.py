@@ -164,7 +164,8 @@ def _read(path: Path, known: Nominal, namespace: str) -> Recording:
     one, key = known.read(path, known.system, namespace), known.system.input_period
     if not key or not is_table(path):
         return one
-    return with_loop_of_table(one, known.system, float(known.parameters.at(key)), key in known.given)
+    stated = key in {**known.parameters.declared.values, **known.given}
+    return with_loop_of_table(one, known.system, float(known.parameters.at(key)), stated)
 
 
 def assumed_words(files: Sequence[Path], count: int, model: Path | None) -> str:

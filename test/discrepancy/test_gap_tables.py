@@ -30,10 +30,12 @@ from pam_orthosis.discrepancy.recordings.data import (
 )
 from pam_orthosis.discrepancy.recordings.even import even
 from pam_orthosis.discrepancy.recordings.stamps import STEP, remarks_on_stamps, skews
+from pam_orthosis.discrepancy.request import Asked, read_recordings
 from pam_orthosis.discrepancy.search.confirmation import emptied
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.systems.system import Source
 from pam_orthosis.discrepancy.systems.user_file import load_system
+from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.library import answers
 from pam_orthosis.library.options import in_python
@@ -475,7 +477,32 @@ def test_voltages_that_are_held_for_rows_tell_the_period_of_the_loop(system, sta
 def test_steps_of_an_experiment_and_coarse_voltages_tell_no_period(system):
     for volts in (np.repeat([5.0, 5.2, 4.9], 200), np.round(SI["extensor_voltage"])):
         arrays = {**SI, "extensor_voltage": volts, "flexor_voltage": volts}
-        assert not with_loop_of_table(from_arrays("x", system, arrays), system, 0.002, False).remarks
+        (remark,) = with_loop_of_table(from_arrays("x", system, arrays), system, 0.002, False).remarks
+        assert "the loop's period is assumed to be 2 ms" in remark
+
+
+@pytest.mark.parametrize(
+    ("rows", "model", "said"),
+    [
+        (2, "", "the loop's period is assumed to be 5 ms; if it is shorter than 4 ms, they are too old"),
+        (3, "", "change every 5 ms by the default of scenario.control_period and were recorded every 6 ms"),
+        (2, "scenario.control_period: 0.004", ""),
+        (3, "scenario.control_period: 0.006", ""),
+        (2, "scenario.control_period: 0.002", "change every 2 ms by scenario.control_period and were"),
+    ],
+)
+def test_a_period_of_the_loop_that_is_assumed_is_said_once(bench, tmp_path, rows, model, said):
+    runs = {seed: bench.arrays(seed) for seed in (1, 2)}
+    tables = [
+        write(tmp_path / f"{seed}.csv", {name: arrays[name][::rows] for name in SI})
+        for seed, arrays in runs.items()
+    ]
+    nominal = tmp_path / "nominal.yaml"
+    nominal.write_text(f"valve.dead_band: 0.0\nvalve.delay: 0.0\n{model}\n", encoding="utf-8")
+    read = read_recordings(Asked(tables, [], nominal), Workers(1))
+    remarks = [one for one in check.check(read.nominal.system, read.training, 2.0) if "period" in one]
+    assert all(said in one and "scenario.control_period" in one for one in remarks)
+    assert len(remarks) == (2 if "change every" in said else bool(said))  # what is left out: of each
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ NO_NOISE = 1e-7  # noise over the range of a signal
 
 
 def check(system: System, recordings: Sequence[Recording], warm_up: float) -> list[str]:
-    """Return remarks on what the recordings cannot show.
+    """Return remarks on what the recordings cannot show, each once.
 
     Raises:
         OrthosisError: a recording is unfit, with the reason.
@@ -40,7 +40,7 @@ def check(system: System, recordings: Sequence[Recording], warm_up: float) -> li
         doubts = [_doubt_on_noise(one, channel.name) for channel in system.channels]
         doubts += [_saturated(one, channel) for channel in system.channels]
         remarks += [*one.remarks, *_remarks_on_inputs(system, one), *filter(None, doubts)]
-    return remarks
+    return list(dict.fromkeys(remarks))
 
 
 def unread(recordings: Sequence[Recording]) -> list[str]:

@@ -22,7 +22,7 @@ from pam_orthosis.tables import is_table, read_numbers
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
 LONGEST_PERIOD = 0.5  # s, of samples: above it the time is in another unit
-RARELY = 1.5  # times the period in which inputs change: at it and above, samples are missing between
+RARELY = 1.1  # times the period in which inputs change: at it and above, samples are missing between
 LONGEST_LOOP = 0.05  # s: inputs that are held for longer are steps of an experiment
 
 
@@ -141,18 +141,21 @@ def _scaled(system: System, name: str, values: np.ndarray) -> np.ndarray:
     return system.sources[name].factor * values + system.sources[name].offset
 
 
-def with_prompt_inputs(one: Recording, system: System, changed: float, rows: int = 1) -> Recording:
+def with_prompt_inputs(
+    one: Recording, system: System, changed: float, rows: int = 1, stated: bool = True
+) -> Recording:
     """Return a recording without held inputs that changed more often (every so many s) than recorded.
 
-    `rows`: every how many samples they were recorded.
+    `rows`: every how many samples they were recorded; `stated`: how often they changed is not assumed.
     """
     late = _held(one, system)
     recorded = rows * one.period
     if not late or recorded < RARELY * changed:
         return one
     kept = {key: values for key, values in one.signals.items() if key not in late}
+    source = f"{'' if stated else 'the default of '}{system.input_period}"
     remark = (
-        f"{one.name}: {', '.join(late)} change every {1e3 * changed:.3g} ms by {system.input_period} and were"
+        f"{one.name}: {', '.join(late)} change every {1e3 * changed:.3g} ms by {source} and were"
         f" recorded every {1e3 * recorded:.3g} ms: left out, what they drive cannot be judged; record faster,"
         f" or correct {system.input_period} (of tables by --model)"
     )
@@ -167,11 +170,17 @@ def with_loop_of_table(one: Recording, system: System, changed: float, stated: b
     held = _held(one, system)
     rows = _held_rows([one.signals[name] for name in held])
     rows = rows if rows * one.period <= LONGEST_LOOP else 1
-    if stated or rows == 1:
-        return with_prompt_inputs(one, system, changed, rows)
+    prompt = with_prompt_inputs(one, system, changed, rows, stated) if stated or rows == 1 else one
+    if stated or prompt.left_out or not held:
+        return prompt
+    names, apart = ", ".join(held), f"{1e3 * rows * one.period:.3g} ms"
+    told = (
+        f"{one.name}: {names} change every {rows} rows: the loop's period is taken to be {apart}"
+        if rows > 1
+        else f"{names}: the loop's period is assumed to be {1e3 * changed:.3g} ms"
+    )
     remark = (
-        f"{one.name}: {', '.join(held)} change every {rows} rows: the loop's period is taken to be"
-        f" {1e3 * rows * one.period:.3g} ms; if it is shorter, they are too old to drive the model: give"
+        f"{told}; if it is shorter than {apart}, they are too old to drive the model: give"
         f" {system.input_period} by --model"
     )
     return replace(one, remarks=(*one.remarks, remark))
