@@ -211,7 +211,9 @@ def _begun(arguments: argparse.Namespace, progress: Progress) -> Case:
     system, gap = read.nominal.system, read.nominal.parameters.gap
     start = begin(system, read.training, read.held_out, gap, progress, Replay(system, workers))
     progress("computing what these data can show")
-    data = identifiability(start.problem, start.null, gap.evidence.threshold, progress)
+    data = identifiability(
+        start.problem, start.null, gap.evidence.threshold, progress, start.whole, start.missing
+    )
     return Case(read, start, data)
 
 

@@ -15,9 +15,9 @@ from pam_orthosis.bag.record import run_metadata
 from pam_orthosis.cli import main as cli
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer import judgement, noise_floor, patch
-from pam_orthosis.discrepancy.answer.contract import as_dict
+from pam_orthosis.discrepancy.answer.contract import as_dict, identifiability_as_dict
 from pam_orthosis.discrepancy.answer.last_line import last_line
-from pam_orthosis.discrepancy.answer.verdict import describe
+from pam_orthosis.discrepancy.answer.verdict import describe, describe_data
 from pam_orthosis.discrepancy.apparatus import agreed_nominal, apparatus_of, recorded_nominal, unrecorded
 from pam_orthosis.discrepancy.fitting import structure
 from pam_orthosis.discrepancy.fitting.measure import Gap
@@ -261,6 +261,32 @@ def test_without_voltages_the_torque_is_judged_and_the_rest_is_said(bench, tmp_p
     assert [one.name for one in outcome.effects] == ["joint_friction"]
     assert any("extensor_voltage" in remark for remark in outcome.remarks)
     assert set(outcome.after.units) == {"angle"}
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        (COLUMNS, "these data show and separate all effects of the catalogue"),
+        (COLUMNS[:4], "these data cannot show, without extensor_voltage and flexor_voltage: valve_lag"),
+        (COLUMNS[:5], "these data cannot show, without flexor_voltage: valve_lag"),
+    ],
+)
+def test_what_cannot_show_without_voltages_is_named(bench, columns, said):
+    catalogue = {name: KNEE.catalogue[name] for name in ("joint_friction", "valve_lag")}
+    few = knee.knee(bench.parameters, catalogue)
+    arrays = [{name: bench.arrays(seed)[name] for name in columns} for seed in (1, 2)]
+    fitted, judged = (from_arrays("run", few, one) for one in arrays)
+    start = begin(few, [fitted], [judged], bench.parameters.gap)
+    data = identifiability(start.problem, start.null, 15.0, whole=start.whole, missing=start.missing)
+    assert describe_data(data).splitlines()[0] == said
+    assert ("valve_lag" in identifiability_as_dict(data)["hidden"]) == bool(start.missing)
+
+
+def test_the_verb_names_what_cannot_show_without_voltages(bench, tmp_path, capsys):
+    files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed), COLUMNS[:4])) for seed in (1, 2)]
+    assert cli.main(["gap", files[0], "--held-out", files[1], "--until", "check"]) == 0
+    said = next(one for one in capsys.readouterr().out.splitlines() if "cannot show, without" in one)
+    assert {"valve_lag", "valve_delay", "extensor_leak"} <= {*said.partition(": ")[2].split(", ")}
 
 
 def test_one_voltage_alone_is_not_called_absent(bench):
@@ -888,7 +914,7 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    nothing = SimpleNamespace(problem=None, null=None, mistaken=False, skewed=False)
+    nothing = SimpleNamespace(problem=None, null=None, mistaken=False, skewed=False, whole=None, missing=())
     monkeypatch.setattr(beginning, "begin", lambda *_: nothing)
     monkeypatch.setattr(
         "pam_orthosis.discrepancy.preparation.identifiability.identifiability",

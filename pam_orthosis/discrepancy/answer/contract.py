@@ -106,6 +106,8 @@ def identifiability_as_dict(data: Identifiability) -> dict[str, Any]:
         "alike": [[a, b, _number(cosine)] for a, b, cosine in data.alike],
         "experiments": list(data.experiments),
         "together": list(data.together),
+        "hidden": list(data.hidden),
+        "missing": list(data.missing),
     }
 
 

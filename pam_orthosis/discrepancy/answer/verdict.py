@@ -26,6 +26,9 @@ MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
 def describe_data(data: Identifiability) -> str:
     """Return in a few lines what the recordings can identify."""
     lines = []
+    if data.hidden:
+        without = f", without {' and '.join(data.missing)}" if data.missing else ""
+        lines.append(f"these data cannot show{without}: {', '.join(data.hidden)}")
     if data.invisible:
         lines.append(f"these data would not show, at typical size: {', '.join(data.invisible)}")
     for a, b, cosine in data.alike:

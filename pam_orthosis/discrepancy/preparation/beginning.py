@@ -44,6 +44,8 @@ class Beginning:
         stamps: those that say that stamps are off.
         moved: what to say if an effect over time is named: recordings count from another instant than their
             clocks say; empty if they do not.
+        whole: the system with the equations that need inputs which are missing; None: it is `system`.
+        missing: these inputs.
     """
 
     system: System
@@ -56,6 +58,8 @@ class Beginning:
     skewed: bool = False
     stamps: tuple[str, ...] = ()
     moved: str = ""
+    whole: System | None = None
+    missing: Names = ()
 
     def configured(self, judged: Samples | None = None) -> measure.Gap:
         """Return the gap of the model as configured; `judged`: the samples that count (all)."""
@@ -95,7 +99,7 @@ def begin(
     skews = shared_skews(system, [*training, *held_out], replay.workers)
     stamps = remarks_on(skews)
     remarks += [*check.unread([*training, *held_out]), *stamps]
-    missing = check.missing_inputs(system, [*training, *held_out])
+    whole, missing = system, check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)
         replay = Replay(system, replay.workers)
@@ -124,6 +128,8 @@ def begin(
         clearly_off(skews),
         tuple(stamps),
         moved,
+        whole,
+        missing,
     )
 
 

@@ -17,7 +17,7 @@ from pam_orthosis.discrepancy.fitting.candidates import Trial, penalty
 from pam_orthosis.discrepancy.fitting.fit import Fit, normal_equations
 from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.replay.problem import Block, Problem
-from pam_orthosis.discrepancy.systems.system import System
+from pam_orthosis.discrepancy.systems.system import Names, System
 from pam_orthosis.progress import Progress, silent
 
 ALIKE = 0.95  # cosine of two signatures above which they are one
@@ -35,6 +35,8 @@ class Identifiability:
         alike: pairs of visible effects with the cosine of their signatures.
         experiments: scenarios that show or separate most of these, best first.
         together: parameters of a system of one's own that may change together without a trace.
+        hidden: effects that change nothing in the equations that recordings can judge.
+        missing: inputs that the other equations need, and that a recording lacks.
     """
 
     evidence: dict[str, float]
@@ -42,18 +44,26 @@ class Identifiability:
     alike: tuple[tuple[str, str, float], ...]
     experiments: tuple[str, ...]
     together: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
 
 
 def identifiability(
-    problem: Problem, model: Fit, threshold: float, progress: Progress = silent
+    problem: Problem,
+    model: Fit,
+    threshold: float,
+    progress: Progress = silent,
+    whole: System | None = None,
+    missing: Names = (),
 ) -> Identifiability:
     """Return what recordings can identify, seen from a recalibrated model; `threshold` of evidence.
 
     What is wrong with the model at present is no property of the recordings: each residual counts fully.
+    `whole`: the system with the equations, if any, that need inputs which are `missing`.
     """
     problem, model = _untempered(problem, model)
-    projection = Projection(problem, model)
-    known = {*model.effects, *problem.system.wrong}
+    projection, whole = Projection(problem, model), whole or problem.system
+    known = {*model.effects, *whole.wrong}
     names = problem.replay.touching(name for name in problem.system.candidates if name not in known)
     trials = [Trial(projection, name) for name in names]
     gram = _gram(projection, trials, progress)
@@ -71,7 +81,16 @@ def identifiability(
         if abs(cosine[i, j]) > ALIKE and not {a, b} & set(invisible)
     )
     experiments = _experiments(problem.system, invisible, alike)
-    return Identifiability(evidence, invisible, alike, experiments, _together(problem.system, model))
+    hidden = tuple(name for name in whole.candidates if name not in {*names, *known})
+    return Identifiability(
+        evidence,
+        invisible,
+        alike,
+        experiments,
+        _together(problem.system, model),
+        hidden,
+        missing,
+    )
 
 
 def _together(system: System, model: Fit) -> tuple[str, ...]:
