@@ -44,6 +44,7 @@ from pam_orthosis.report import gap as gap_page
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TIME = np.arange(600) * 0.002
+PLAIN = SimpleNamespace(simpler={})  # a model without effects
 SI = {
     "time": TIME,
     "angle": 0.5 + 0.3 * np.sin(4 * TIME),
@@ -417,7 +418,24 @@ def test_a_small_skew_is_shown_by_more_than_half_of_the_recordings(monkeypatch, 
     skew = stamps.Skew("angle", ("extensor_pressure",), 0.001 * ms, 0.1)
     monkeypatch.setattr(stamps, "skews", lambda _, one: [skew] if one.name < shown else [])
     recordings = [SimpleNamespace(name=number) for number in range(2)]
-    assert bool(remarks_on_stamps(None, recordings)) is said
+    assert bool(remarks_on_stamps(PLAIN, recordings)) is said
+
+
+@pytest.mark.parametrize(("without", "said"), [(0.007, True), (None, False), (-0.007, False)])
+def test_a_skew_that_shows_by_an_effect_of_the_model_alone_is_none(monkeypatch, without, said):
+    """A backlash that recordings have not looks like one; a delay that the model has stays in any case."""
+    known = ("backlash", "extensor_pressure_delay")
+    model = knee(load({f"effects.{name}.enabled": True for name in known}))
+
+    def seen(system, _):
+        assert "extensor_pressure_delay" in system.simpler
+        seconds = 0.007 if "backlash" in system.simpler else without
+        return [stamps.Skew("angle", ("extensor_pressure",), seconds, 0.1)] if seconds else []
+
+    monkeypatch.setattr(stamps, "skews", seen)
+    remarks = remarks_on_stamps(model, [SimpleNamespace(name="x"), SimpleNamespace(name="y")])
+    assert [one[:1] for one in remarks] == ["x", "y"] * said
+    assert all("7.0 ms late" in one for one in remarks)
 
 
 def test_one_skew_about_the_limit_is_said_of_all_that_show_it_or_of_none(monkeypatch):
@@ -425,7 +443,7 @@ def test_one_skew_about_the_limit_is_said_of_all_that_show_it_or_of_none(monkeyp
     found = {name: [stamps.Skew("angle", ("torque",), seconds, 0.1)] for name, seconds in shown.items()}
     monkeypatch.setattr(stamps, "skews", lambda _, one: found.get(one.name, []))
     recordings = [SimpleNamespace(name=number) for number in range(4)]
-    assert [line.split(":")[0] for line in remarks_on_stamps(None, recordings)[:2]] == ["0", "1"]
+    assert [line.split(":")[0] for line in remarks_on_stamps(PLAIN, recordings)[:2]] == ["0", "1"]
 
 
 @pytest.mark.parametrize(("period", "kept"), [(0.001, False), (0.005, True)])

@@ -57,13 +57,39 @@ def shared_skews(system: System, recordings: Sequence[Recording], workers: Worke
     """Return the skews of each recording that enough of them show.
 
     At least half of the recordings have to show the same skew, more than half if it is small: a missing
-    effect or slack muscles may look like one in some.
+    effect or slack muscles may look like one in some. So may an effect that the model has and the recordings
+    have not: they show it without that one too.
     """
-    every = (workers or Workers()).forked(lambda one: skews(system, one), recordings)
+    workers = workers or Workers()
+    found = _shared(system, recordings, workers)
+    if not system.simpler or not any(many for _, many in found):
+        return found
+    plain = _shared(_with_delays_alone(system), recordings, workers)
+    return [
+        (one, [skew for skew in many if any(_is_like(skew, other) for other in others)])
+        for (one, many), (_, others) in zip(found, plain, strict=True)
+    ]
+
+
+def _shared(system: System, recordings: Sequence[Recording], workers: Workers) -> Found:
+    every = workers.forked(lambda one: skews(system, one), recordings)
     return [
         (one, [skew for skew in many if _is_shared(skew, every)])
         for one, many in zip(recordings, every, strict=True)
     ]
+
+
+def _with_delays_alone(system: System) -> System:
+    """Return the system without the effects that its model has already, delays apart."""
+    known = system.bare().catalogue
+    delays = {name for name, one in known.items() if one.late is not None or one.advance is not None}
+    for name in set(system.simpler) - delays:
+        system = system.without_effect(name)
+    return system
+
+
+def _is_like(one: Skew, other: Skew) -> bool:
+    return one[:2] == other[:2] and one.seconds * other.seconds > 0
 
 
 def clearly_off(found: Found) -> bool:
