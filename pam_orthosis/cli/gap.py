@@ -168,7 +168,7 @@ def _searched(arguments: argparse.Namespace) -> Found:
         from pam_orthosis.discrepancy.workflow import search
 
         case = _begun(arguments, progress)
-        if case.start.mistaken or case.start.skewed:  # before a search that may take minutes
+        if case.start.doubtful:
             progress.note("\n".join(remark_lines(case.start.remarks)))
         outcome = search(case.start, case.read.nominal.parameters.gap, progress)
     return Found(case, outcome, *_described(arguments, case, outcome), int(outcome.verdict not in GOOD))

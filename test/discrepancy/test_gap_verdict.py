@@ -433,6 +433,23 @@ def test_a_sensor_that_saturates_is_told(bench, changed, seen):
     assert all("10% of the samples of extensor_pressure are" in line for line in remarks)
 
 
+@pytest.mark.parametrize(
+    ("end", "value", "sides", "ends"),
+    [
+        ("maximum_pressure_gauge", 3.0e5, ("extensor_pressure", "flexor_pressure"), "1013 to 4013 mbar"),
+        ("minimum_contraction", 0.03, ("flexor contraction",), "30 to 125.2 mm"),
+        ("maximum_pressure_gauge", 3.44e5, (), ""),  # by no more than noise
+        ("minimum_contraction", 0.0, (), ""),
+    ],
+)
+def test_recordings_beyond_what_a_muscles_map_knows_are_told(bench, end, value, sides, ends):
+    """The map is held at the edge of its box: a search would name what is not there."""
+    system = knee(bench.parameters.changed({f"muscle.dmsp_20.box.{end}": value}))
+    told = check.beyond_boxes(system, [bench.recording(1), bench.recording(2)])
+    assert [one.partition(f" leaves the box of the muscle's map ({ends}) in ")[0] for one in told] == [*sides]
+    assert all(one.endswith(": it is held at the edge there; identify a wider one") for one in told)
+
+
 @pytest.mark.parametrize("samples", [1, 2, 3])
 def test_samples_that_jump_and_are_back_are_bridged_and_told(bench, samples):
     one = bench.recording(1)

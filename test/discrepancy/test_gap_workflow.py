@@ -22,6 +22,7 @@ from pam_orthosis.discrepancy.apparatus import agreed_nominal, apparatus_of, rec
 from pam_orthosis.discrepancy.fitting import structure
 from pam_orthosis.discrepancy.fitting.measure import Gap
 from pam_orthosis.discrepancy.preparation import beginning, check
+from pam_orthosis.discrepancy.preparation import identifiability as of_data
 from pam_orthosis.discrepancy.preparation.beginning import begin
 from pam_orthosis.discrepancy.preparation.identifiability import Identifiability, identifiability
 from pam_orthosis.discrepancy.recordings.data import (
@@ -287,6 +288,25 @@ def test_the_verb_names_what_cannot_show_without_voltages(bench, tmp_path, capsy
     assert cli.main(["gap", files[0], "--held-out", files[1], "--until", "check"]) == 0
     said = next(one for one in capsys.readouterr().out.splitlines() if "cannot show, without" in one)
     assert {"valve_lag", "valve_delay", "extensor_leak"} <= {*said.partition(": ")[2].split(", ")}
+
+
+def test_a_map_that_recordings_leave_is_told_before_the_search(bench, tmp_path, capsys, monkeypatch):
+    files = [str(table(tmp_path / f"{seed}.csv", bench.arrays(seed))) for seed in (1, 2)]
+    model = tmp_path / "muscle.yaml"
+    model.write_text("muscle.dmsp_20.box.maximum_pressure_gauge: 3.0e+5\n", encoding="utf-8")
+    monkeypatch.setattr(of_data, "identifiability", lambda *_: Identifiability({}, (), (), ()))
+
+    def ended(start, *_):
+        raise OrthosisError("; ".join(start.remarks))
+
+    monkeypatch.setattr(workflow, "search", ended)
+    command = ["gap", files[0], "--held-out", files[1], "--model", str(model)]
+    said = "extensor_pressure leaves the box of the muscle's map (1013 to 4013 mbar) in "
+    assert cli.main([*command, "--until", "check"]) == 0
+    assert f"remark: {said}" in capsys.readouterr().out
+    assert cli.main(command) == 2
+    assert f"remark: {said}" in (told := capsys.readouterr().err)
+    assert f"; {said}" in told
 
 
 def test_one_voltage_alone_is_not_called_absent(bench):
@@ -914,12 +934,9 @@ def test_a_page_that_cannot_be_written_does_not_take_the_verdict_with_it(
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    nothing = SimpleNamespace(problem=None, null=None, mistaken=False, skewed=False, whole=None, missing=())
+    nothing = SimpleNamespace(problem=None, null=None, doubtful=False, whole=None, missing=())
     monkeypatch.setattr(beginning, "begin", lambda *_: nothing)
-    monkeypatch.setattr(
-        "pam_orthosis.discrepancy.preparation.identifiability.identifiability",
-        lambda *_: Identifiability({}, (), (), ()),
-    )
+    monkeypatch.setattr(of_data, "identifiability", lambda *_: Identifiability({}, (), (), ()))
     monkeypatch.setattr(workflow, "search", lambda *_: friction)
     monkeypatch.setattr(gap_page, "page", full)
     file = table(tmp_path / "x.csv", bench.arrays(1))

@@ -41,6 +41,7 @@ class Beginning:
         remarks: on the recordings.
         mistaken: whether one of these says that they seem to have a mistake.
         skewed: whether one says that stamps are clearly off.
+        beyond: whether one says that they leave what the model's maps know.
         stamps: those that say that stamps are off.
         moved: what to say if an effect over time is named: recordings count from another instant than their
             clocks say; empty if they do not.
@@ -60,6 +61,12 @@ class Beginning:
     moved: str = ""
     whole: System | None = None
     missing: Names = ()
+    beyond: bool = False
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a remark should be read before a search that may take minutes."""
+        return self.mistaken or self.skewed or self.beyond
 
     def configured(self, judged: Samples | None = None) -> measure.Gap:
         """Return the gap of the model as configured; `judged`: the samples that count (all)."""
@@ -98,7 +105,8 @@ def begin(
     check_room([*training, *held_out], replay.workers.jobs)
     skews = shared_skews(system, [*training, *held_out], replay.workers)
     stamps = remarks_on(skews)
-    remarks += [*check.unread([*training, *held_out]), *stamps]
+    beyond = check.beyond_boxes(system, [*training, *held_out])
+    remarks += [*beyond, *check.unread([*training, *held_out]), *stamps]
     whole, missing = system, check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)
@@ -130,6 +138,7 @@ def begin(
         moved,
         whole,
         missing,
+        bool(beyond),
     )
 
 

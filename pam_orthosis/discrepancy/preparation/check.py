@@ -8,6 +8,7 @@ from scipy.signal import welch
 
 from pam_orthosis.discrepancy.recordings.data import Recording
 from pam_orthosis.discrepancy.replay.whitening import SEGMENT, noise_levels
+from pam_orthosis.discrepancy.systems.boxes import Box
 from pam_orthosis.discrepancy.systems.system import Channel, Names, System
 from pam_orthosis.errors import OrthosisError
 
@@ -23,6 +24,7 @@ APART = "what was fitted cannot judge: hold out another recording, or none (the 
 SEEN = 0.5  # of the different samples of a recording that judges: they are those of a fitted one
 STILL = 5  # steps without a change, which noise does not allow
 LEAST_CLIPPED = 0.01  # of the samples, that are at one end
+BEYOND, LEAST_BEYOND = 0.01, 0.01  # of a box's width, that noise may leave it by; of a recording's samples
 NO_NOISE = 1e-7  # noise over the range of a signal
 
 
@@ -41,6 +43,28 @@ def check(system: System, recordings: Sequence[Recording], warm_up: float) -> li
         doubts += [_saturated(one, channel) for channel in system.channels]
         remarks += [*one.remarks, *_remarks_on_inputs(system, one), *filter(None, doubts)]
     return list(dict.fromkeys(remarks))
+
+
+def beyond_boxes(system: System, recordings: Sequence[Recording]) -> list[str]:
+    """Return a remark on each side of a muscle's box that recordings leave, by the one that does most."""
+    remarks = []
+    for box in system.boxes:
+        shares = [_beyond(box, one) for one in recordings]
+        most = max(shares)
+        if most > LEAST_BEYOND:
+            low, high = (end * box.report_factor for end in (box.low, box.high))
+            ends, worst = f"{low:.4g} to {high:.4g} {box.report_unit}", recordings[shares.index(most)]
+            remarks.append(
+                f"{box.name} leaves the box of the muscle's map ({ends}) in {most:.0%} of the samples of"
+                f" {worst.name}: it is held at the edge there; identify a wider one"
+            )
+    return remarks
+
+
+def _beyond(box: Box, one: Recording) -> float:
+    """Return the share of a recording's samples that are beyond a box."""
+    values, margin = box.quantity(one.signals[box.channel]), BEYOND * (box.high - box.low)
+    return float(np.mean((values < box.low - margin) | (values > box.high + margin)))
 
 
 def unread(recordings: Sequence[Recording]) -> list[str]:

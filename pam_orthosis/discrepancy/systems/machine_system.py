@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 
 from pam_orthosis.bag.topics import Topics
+from pam_orthosis.discrepancy.systems.boxes import boxes
 from pam_orthosis.discrepancy.systems.suspects import common, corrected, meant, name_of, suspects
 from pam_orthosis.discrepancy.systems.system import Assembled, Calibration, Channel, Entry, Equation, System
 from pam_orthosis.discrepancy.systems.view import Symbols, View
@@ -118,6 +119,7 @@ class _Described:
             aged=self._aged,
             unusable=view.unusable,
             sources=view.sources,
+            boxes=tuple(boxes(machine, self._nominal, view.channels)),
             also_recorded=tuple(Topics(machine).signals),
         )
 

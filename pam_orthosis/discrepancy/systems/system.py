@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 
 import casadi as ca
 
+from pam_orthosis.discrepancy.systems.boxes import Box
 from pam_orthosis.model.effects.base import Effect
 
 Names: TypeAlias = tuple[str, ...]
@@ -166,8 +167,7 @@ class System:
         changed: key -> value of a model file, `gap.*` left out -> the system that has it; None: it has none.
         unusable: experiments that effects name and whose recordings cannot be searched.
         places: effect -> the equation in which it shows, where the effect does not name it itself.
-        input_units: input -> its unit (V).
-        input_noise: input -> standard deviation of what is recorded (`gap.replay.input_noise`).
+        input_units, input_noise: input -> its unit (V); sd of what is recorded (`gap.replay.input_noise`).
         gradual: inputs that run straight from each sample to the next; others keep their value until then.
         sensed: inputs that a sensor measures: no delay of the others is theirs, recordings show their noise.
         entries: channel -> how something unknown may enter, if not as a rate alone; pushes as the first one.
@@ -176,6 +176,7 @@ class System:
         shares: candidate -> calibration by which the same parameter may be off by a share.
         sources: signal (of a table `time` too) -> where recordings have it.
         ambient: absolute pressure, Pa, from which gauge pressures in a table count.
+        boxes: of its muscles' maps.
         also_recorded: names of what this package's own tables hold beside: it is left unread without a word.
     """
 
@@ -211,6 +212,7 @@ class System:
     shares: Mapping[str, str] = field(default_factory=dict)
     derived_twice: Mapping[str, str] = field(default_factory=dict)
     ambient: float = 1.013e5
+    boxes: tuple[Box, ...] = ()
     also_recorded: tuple[str, ...] = ()
 
     def without(self, missing: Collection[str]) -> System:
@@ -255,8 +257,7 @@ class System:
 
     def moved_by(self, candidate: str) -> Calibration | None:
         """Return the calibration that moves what a candidate takes to be wrong, if there is one."""
-        name = self.wrong.get(candidate, "")
-        name = self.shares.get(candidate, name)
+        name = self.shares.get(candidate, self.wrong.get(candidate, ""))
         return next((one for one in self.calibrations if one.name == name), None)
 
     def moved_to(self, candidate: str, deviation: float) -> float:
@@ -285,8 +286,7 @@ class System:
         known = self.channel(channel)
         rate = Entry(f"{known.unit}/s" + "^2" * (known.state in self.derived.values()))
         there = {"", *self.catalogue, *(one.name for one in self.calibrations)}
-        entries = self.entries.get(channel, ())
-        found = tuple(one for one in entries if one.parameter.partition(".")[0] in there)
+        found = tuple(e for e in self.entries.get(channel, ()) if e.parameter.partition(".")[0] in there)
         return found or (rate,)
 
     def beside(self, effect: str, known: Collection[str]) -> Names:
