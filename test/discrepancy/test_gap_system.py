@@ -2,6 +2,7 @@
 """Systems of one's own: searched as ours are; what is wrong with them is said in one line."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -172,6 +173,11 @@ MISTAKES = {
     'Channel("position", "position"': ('Channel("position", None', "no channel shows a state"),
     '"N", 0.0, 50.0, "dry': ('"N", 5.0, 50.0, "dry', "effect friction: level: 3.0 is not inside its bounds"),
     '2.0, "kg", 0.06': ('2.0, "kg", -0.06', "tolerance of mass: -0.06 is not above 0"),
+    '2.0, "kg"': ('float("nan"), "kg"', "parameter mass: its value is nan, no finite number"),
+    '"kg", 0.06': ('"kg", "3%"', "parameter mass: its tolerance, in kg, is '3%', no finite number"),
+    '0.0, "m", 1e-4': ('float("nan"), "m", 0.0', "parameter position_offset: its value is nan, no finite"),
+    '"mm", 1e3': ('"mm", 0.0', "channel position: report_factor is 0"),
+    "noise=0.001)],": ('noise=0.001)], late="3 ms",', "late is '3 ms', no finite number"),
     'Parameter("damping"': ('Parameter("mass"', "parameters: 'mass' is there twice"),
     "p.level * ca.tanh": ("p.level * nothing.tanh", "NameError: name 'nothing' is not defined"),
     "    ).system()": ("    )", "system() returns Model, not a System"),
@@ -197,6 +203,28 @@ def test_a_mistake_in_the_file_is_one_line(right, tmp_path):
     assert str(refused.value).startswith(str(file))
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("mass", ["0.0", "1e-320", "1e-290"])
+def test_an_equation_without_a_finite_value_is_one_line(tables, tmp_path, capfd, mass):
+    file = tmp_path / "own.py"
+    file.write_text(CARRIAGE.read_text(encoding="utf-8").replace('2.0, "kg"', f'{mass}, "kg"'))
+    assert main(["gap", tables[0], "--system", str(file), "--until", "replay"]) == 2
+    (said,) = capfd.readouterr().err.splitlines()
+    assert "the dynamics equation gives no finite number from the first sample on" in said
+
+
+@pytest.mark.parametrize(("number", "share"), [("1e300", 0.0), ("-1e300", 0.2), ("4e12", 0.001)])
+def test_a_number_that_nothing_measures_is_one_line(tables, tmp_path, capfd, number, share):
+    head, *rows = Path(tables[0]).read_text(encoding="utf-8").splitlines()
+    absurd = range(1, 2 + round(share * len(rows)))
+    for row in absurd:
+        rows[row] = f"{rows[row].rpartition(',')[0]},{number}"
+    file = tmp_path / "absurd.csv"
+    file.write_text("\n".join([head, *rows]))
+    assert main(["gap", str(file), "--system", str(CARRIAGE), "--until", "replay"]) == 2
+    (said,) = capfd.readouterr().err.splitlines()
+    assert f"A in {len(absurd)} of {len(rows)} samples, the first in row 2 of numbers" in said
 
 
 def test_gap_refuses_a_file_that_is_none_and_a_model_beside_it(tables, tmp_path, capsys):
@@ -284,6 +312,7 @@ def test_a_system_by_hand_and_ours_fit_together():
         ({"equations": ()}, "one equation at least"),
         ({"derived": {"x": "x"}}, "derived: 'x' has to be a state that is not measured"),
         ({"calibrations": (Calibration("decay", 0.1, "1/s", "decay"),) * 2}, "'decay' is there 2 times"),
+        ({"calibrations": (Calibration("decay", 0.1, "", "", nominal=math.nan),)}, "decay: nan is no"),
         ({"calibrations": ()}, "the parameters are not those of calibrations and effects"),
         ({"inputs": ()}, "1 inputs, not 0"),
         ({"limits": {"y": (0.0, 1.0)}}, "limits: 'y' is none of x"),

@@ -20,7 +20,7 @@ from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.replay.whitening import Whitener, noise_levels, noise_whitener
-from pam_orthosis.discrepancy.systems.system import Names, System, Values
+from pam_orthosis.discrepancy.systems.system import Equation, Names, System, Values
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress, silent
@@ -212,11 +212,22 @@ def bare_replay(replay: Replay) -> Replay:
 def _check_replayed(replay: Replay, runs: Sequence[Run]) -> None:
     for run in runs:
         for equation in replay.system.equations:
-            if not np.isfinite(replay.residuals(run, equation, (), replay.defaults(()))).all():
-                raise OrthosisError(
-                    f"{run.recording.name}: the replay of the {equation.name} equation runs away; check the"
-                    " units and the zeros of its signals, and the model's parameters"
-                )
+            finite = np.isfinite(replay.residuals(run, equation, (), replay.defaults(()))).all(axis=1)
+            if not finite.all():
+                raise OrthosisError(f"{run.recording.name}: {_endless(equation, begun=finite[:2].all())}")
+
+
+def _endless(equation: Equation, begun: bool) -> str:
+    """Return what is said of an equation whose replay does not stay finite; `begun`: its first step does."""
+    if begun:
+        return (
+            f"the replay of the {equation.name} equation runs away; check the units and the zeros of its"
+            " signals, and the model's parameters"
+        )
+    return (
+        f"the {equation.name} equation gives no finite number from the first sample on; check the model's"
+        " equations and parameters: is one 0 that divides?"
+    )
 
 
 def _warm_up(run: Run, settings: Section) -> int:

@@ -15,6 +15,7 @@ from pam_orthosis.errors import OrthosisError
 LEAST_SHARE = 0.79  # of the ambient pressure, below which no actuator open to the air can fall
 MOST_OUTSIDE = 0.01  # of the samples: more are no dropouts
 LONGEST = 3  # samples of a jump
+ABSURD, LARGEST = 1e9, 1e30  # times the range of the middle half of a signal of any unit; in any unit
 TIMES = 10.0  # the deviation from the neighbours that all but a hundredth stay below
 SHARE = 0.99
 
@@ -32,7 +33,7 @@ def in_range(
     inside, remarks = dict(signals), []
     for key in (one for one in signals if one != "time"):
         values = signals[key]
-        least, most = _range(system, key)
+        least, most = _range(system, key, values)
         outside = (values < least) | (values > most)
         if not outside.any():
             continue
@@ -45,10 +46,19 @@ def in_range(
     return inside, tuple(remarks)
 
 
-def _range(system: System, key: str) -> tuple[float, float]:
-    unit = system.unit(key)
-    least, most = system.limits.get(key) or PLAUSIBLE.get(unit, (-np.inf, np.inf))
+def _range(system: System, key: str, values: np.ndarray) -> tuple[float, float]:
+    least, most = system.limits.get(key) or PLAUSIBLE.get(system.unit(key)) or _measurable(values)
     return max(least, _least_pressure(system, key)), most
+
+
+def _measurable(values: np.ndarray) -> tuple[float, float]:
+    """Return between which values a signal can be that has most of these: no sensor resolves more."""
+    known = values[~np.isnan(values)]
+    if not len(known):
+        return -LARGEST, LARGEST
+    low, high = np.quantile(known, (0.25, 0.75))
+    reach = min(ABSURD * (high - low) or LARGEST, LARGEST)
+    return float(low - reach), float(high + reach)
 
 
 def _least_pressure(system: System, key: str) -> float:
@@ -84,7 +94,7 @@ def _refusal(system: System, key: str, values: np.ndarray, at: str, written: str
             f" {system.ambient:g}: {meant}, or gauge, or does the logger drop out? At altitude give the"
             " ambient pressure as valve.ambient_pressure in --model, as `ambient` of a system of your own"
         )
-    least, most = _range(system, key)
+    least, most = _range(system, key, values)
     flipped = least <= -high and -low <= most
     sign = f", or turn its sign round by --columns {key}=-COLUMN" if flipped else ""
     wider = "" if key in system.limits or system.changed is None else ", or give the Model `limits` for it"

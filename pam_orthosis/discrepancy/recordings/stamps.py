@@ -129,6 +129,7 @@ def _is_shared(skew: Skew, every: Sequence[Sequence[Skew]]) -> bool:
     return 2 * len(shown) > len(every) - large
 
 
+@np.errstate(all="ignore")  # of a model that divides by 0 or runs away: its replay says so
 def skews(system: System, one: Recording) -> list[Skew]:
     """Return how far what drives each coordinate is off in time; small or unclear ones are left out."""
     if one.period > RAREST:
@@ -286,7 +287,9 @@ def _missing(position: np.ndarray, velocity: np.ndarray, drivers: Sequence[np.nd
 
 
 def _remainder(target: np.ndarray, columns: np.ndarray) -> float:
-    """Return the squares of what a combination of columns leaves of a signal."""
+    """Return the squares of what a combination of columns leaves of a signal; infinity for no finite ones."""
+    if not (np.isfinite(target).all() and np.isfinite(columns).all()):
+        return np.inf
     matrix = np.column_stack([columns[:, np.ptp(columns, axis=0) > 0], np.ones(len(target))])
     matrix = matrix / np.linalg.norm(matrix, axis=0)
     rest = target - matrix @ np.linalg.lstsq(matrix, target, rcond=None)[0]

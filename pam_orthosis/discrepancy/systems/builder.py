@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from pam_orthosis.discrepancy.systems.changes import ON, UNKNOWN, Curve, changed, check_known
+from pam_orthosis.discrepancy.systems.changes import ON, UNKNOWN, Curve, changed, check_known, check_numbers
 from pam_orthosis.discrepancy.systems.implied import (
     late_channel,
     late_input,
@@ -122,6 +122,7 @@ class Model:
         Raises:
             OrthosisError: parts of the model do not fit together.
         """
+        check_numbers(self)
         check_known(self)
         self._check_names()
         traced, missing = Traced(self, ()), [one for one in self.effects if one.name not in self.present]

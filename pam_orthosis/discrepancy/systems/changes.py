@@ -67,6 +67,14 @@ def changed(model: Model, changes: Mapping[str, Any]) -> Model:
     )
 
 
+def check_numbers(model: Model) -> None:
+    """Check the values and tolerances of a model's parameters; OrthosisError: one is no finite number."""
+    _number("late", model.late)
+    for one in model.parameters:
+        _number(f"parameter {one.name}: its value", one.value)
+        _number(f"parameter {one.name}: its tolerance, in {one.unit},", one.tolerance)
+
+
 def check_known(model: Model) -> None:
     """Check the effects and curves that a model has already; OrthosisError: it cannot have one of them."""
     for what in ("present", "curves"):

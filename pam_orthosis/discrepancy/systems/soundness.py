@@ -49,6 +49,8 @@ def _check_signals(system: System) -> None:
         raise OrthosisError("a system needs one channel at least: nothing is measured")
     for one in system.channels:
         _finite(f"channel {one.name}: report_factor", one.report_factor)
+        if one.report_factor == 0:
+            raise OrthosisError(f"channel {one.name}: report_factor is 0")
     for name, sd in system.input_noise.items():
         _known("input_noise", name, system.inputs)
         _finite(f"noise of {name}", sd, 0.0)
@@ -79,6 +81,7 @@ def _check_calibrations(system: System) -> None:
     _once("parameters", [one.name for one in system.calibrations])
     for one in system.calibrations:
         _finite(f"tolerance of {one.name}", one.sd, math.ulp(0.0))
+        _finite(f"nominal value of {one.name}", one.nominal)
 
 
 def _check_effect(system: System, name: str, effect: Effect) -> None:
