@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.systems.declared import declared_machine
 from pam_orthosis.discrepancy.systems.soundness import check_system
 from pam_orthosis.discrepancy.systems.suspects import VALVE
 from pam_orthosis.errors import OrthosisError
+from pam_orthosis.library.options import in_python
 from pam_orthosis.model.machines import read_machine
 from pam_orthosis.model.parameters import load
 from pam_orthosis.model.plant import Plant
@@ -181,8 +182,9 @@ def test_the_library_reads_tables_of_a_machine_as_the_verb_does(machine, tmp_pat
             po.gap([table], **given)
     (name, said), *found = begun
     assert len(found) == 2
+    told = tuple(map(in_python, said.remarks))
     for system, one in found:
-        assert (system, one.period, one.remarks) == (name, pytest.approx(PERIOD), said.remarks)
+        assert (system, one.period, one.remarks) == (name, pytest.approx(PERIOD), told)
         assert one.signals.keys() == said.signals.keys()
         assert all((one.signals[key] == said.signals[key]).all() for key in said.signals)
 

@@ -137,7 +137,7 @@ def begin(
         tuple(stamps),
         moved,
         whole,
-        missing,
+        tuple(missing),
         bool(beyond),
     )
 

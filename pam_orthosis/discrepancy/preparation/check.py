@@ -9,7 +9,7 @@ from scipy.signal import welch
 from pam_orthosis.discrepancy.recordings.data import Recording
 from pam_orthosis.discrepancy.replay.whitening import SEGMENT, noise_levels
 from pam_orthosis.discrepancy.systems.boxes import Box
-from pam_orthosis.discrepancy.systems.system import Channel, Names, System
+from pam_orthosis.discrepancy.systems.system import Channel, System
 from pam_orthosis.errors import OrthosisError
 
 LEAST_SAMPLES = 500
@@ -154,9 +154,9 @@ def _moves(one: Recording, name: str) -> bool:
     return float(np.ptp(one.signals[name])) > LEAST_MOTION * noise
 
 
-def missing_inputs(system: System, recordings: Sequence[Recording]) -> Names:
+def missing_inputs(system: System, recordings: Sequence[Recording]) -> list[str]:
     """Return the inputs that some recording does not have."""
-    return tuple(name for name in system.inputs if any(name not in one.signals for one in recordings))
+    return [name for name in system.inputs if any(name not in one.signals for one in recordings)]
 
 
 def _check_channel(one: Recording, name: str) -> None:
