@@ -57,11 +57,11 @@ class Beginning:
     remarks: tuple[str, ...]
     mistaken: bool = False
     skewed: bool = False
+    beyond: bool = False
     stamps: tuple[str, ...] = ()
     moved: str = ""
     whole: System | None = None
     missing: Names = ()
-    beyond: bool = False
 
     @property
     def doubtful(self) -> bool:
@@ -132,13 +132,13 @@ def begin(
         judge,
         floor,
         tuple(remarks),
-        bool(mistake),
-        clearly_off(skews),
-        tuple(stamps),
-        moved,
-        whole,
-        tuple(missing),
-        bool(beyond),
+        mistaken=bool(mistake),
+        skewed=clearly_off(skews),
+        beyond=bool(beyond),
+        stamps=tuple(stamps),
+        moved=moved,
+        whole=whole,
+        missing=tuple(missing),
     )
 
 
