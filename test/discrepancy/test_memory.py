@@ -7,7 +7,7 @@ import pytest
 
 from pam_orthosis.discrepancy.preparation.beginning import begin
 from pam_orthosis.discrepancy.recordings import memory
-from pam_orthosis.discrepancy.replay import replay
+from pam_orthosis.discrepancy.replay import store
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import load
 
@@ -63,13 +63,17 @@ def test_a_search_asks(bench, told):
         begin(bench.system, [bench.recording(1)], [bench.recording(2)], load().gap)
 
 
-def test_what_is_remembered_is_bounded_in_bytes(bench, monkeypatch):
-    monkeypatch.setattr(replay, "MOST_BYTES", 100)
-    kept, store = bench.replay._kept, replay.OrderedDict()
+def test_what_is_remembered_is_bounded_in_number_and_bytes(monkeypatch):
+    kept = store.Store(3)
+    monkeypatch.setattr(store, "MOST_BYTES", 100)
     for key in range(5):
-        kept(store, (key,), SimpleNamespace(nbytes=60), 3)
-    assert list(store) == [(4,)]
-    monkeypatch.setattr(replay, "MOST_BYTES", 1000)
-    for key in range(5):
-        kept(store, (key,), SimpleNamespace(nbytes=60), 3)
-    assert len(store) == 3
+        assert kept.keep((key,), SimpleNamespace(nbytes=60)).nbytes == 60
+    assert [key for key in range(5) if kept.get((key,))] == [4]
+    monkeypatch.setattr(store, "MOST_BYTES", 1000)
+    for key in (*range(5), 4, 4):
+        kept.keep((key, "of", key), SimpleNamespace(nbytes=60))
+    assert [key for key in range(5) if kept.get((key, "of", key))] == [2, 3, 4]
+    kept.forget(3)
+    monkeypatch.setattr(store, "MOST_BYTES", 180)
+    kept.keep((9,), SimpleNamespace(nbytes=60))  # what was forgotten, or kept anew, takes no room
+    assert len(kept) == 3

@@ -2,12 +2,11 @@
 """Replay of recordings by a system's model with chosen effects on; residuals and their derivatives."""
 
 import math
-from collections import OrderedDict
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from threading import Lock
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from pam_orthosis.discrepancy.replay.kernel import Kernel
 from pam_orthosis.discrepancy.replay.lanes import WARM_SECONDS, Lanes
 from pam_orthosis.discrepancy.replay.run import Run, Shift
+from pam_orthosis.discrepancy.replay.store import Store
 from pam_orthosis.discrepancy.systems.cut import Part, cut, divided
 from pam_orthosis.discrepancy.systems.system import Assembled, Equation, Names, System, Values
 from pam_orthosis.discrepancy.workers import Workers
@@ -25,8 +25,6 @@ EXACT, FEW = 0.7, 4  # the same where so many steps do: a lag of the valve is fo
 MOST_SUBSTEPS = 64
 PROBED = 6  # samples of each kind at which the fastest eigenvalue is looked for
 REMEMBERED, PREPARED = 144, 36  # results; recordings as kernels read them, an equation and a shift each
-MOST_BYTES = 256_000_000  # of each of them: recordings may be long
-Kept = TypeVar("Kept", np.ndarray, Lanes)
 _CASADI = Lock()  # expression graphs are built by one thread at a time
 
 
@@ -43,11 +41,10 @@ class Replay:
         self._parts: dict[tuple[str, tuple[str, ...]], tuple[Part, ...]] = {}
         self._kernels: dict[Hashable, Kernel] = {}
         self._touched: dict[str, frozenset[str]] = {}
-        self._memory: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
-        self._data: OrderedDict[tuple[Any, ...], Lanes] = OrderedDict()
+        self._memory: Store[np.ndarray] = Store(REMEMBERED)
+        self._data: Store[Lanes] = Store(PREPARED)
         self._latest: tuple[tuple[str, ...], Assembled, Assembled] | None = None
         self._shared: set[tuple[str, Hashable]] = set()
-        self._tidying = Lock()
         effects = system.bare().catalogue.values()  # those that the model has already among them
         self._scales = {n: s for one in effects for n, s in zip(one.states, one.scales, strict=False)}
 
@@ -152,9 +149,8 @@ class Replay:
 
     def forget(self, run: Run) -> None:
         """Drop what is remembered of a run."""
-        for store in (self._memory, self._data):
-            for key in [key for key in list(store) if key[0] == run.serial]:
-                store.pop(key, None)
+        self._memory.forget(run.serial)
+        self._data.forget(run.serial)
 
     def shifts(self, name: str, equation: Equation, effects: Names) -> bool:
         """Return whether one of several effects enters an equation as a shift of recorded signals alone.
@@ -214,7 +210,7 @@ class Replay:
         fast = equation.stiff or not set(part.own) <= set(equation.states)
         substeps = self._substeps(run, part, data, theta) if fast else 1
         result = kernel(data, theta, run.states(part, data.starts), run.period, substeps)
-        return result if wrt else self._kept(self._memory, key, result, REMEMBERED)
+        return result if wrt else self._memory.keep(key, result)
 
     def _rows(self, run: Run, part: Part, shift: Shift) -> Lanes:
         # seen by an own channel that is on time, all channels are alike
@@ -223,17 +219,7 @@ class Replay:
         if known is not None:
             return known
         rows = Lanes.cut(run.data(part.channels, shift), round(WARM_SECONDS / run.period))
-        return self._kept(self._data, key, rows, PREPARED)
-
-    def _kept(
-        self, store: OrderedDict[tuple[Any, ...], Kept], key: tuple[Any, ...], value: Kept, most: int
-    ) -> Kept:
-        """Return a value that is remembered; of many, or of large ones, those computed last are."""
-        with self._tidying:
-            store[key] = value
-            while len(store) > most or (len(store) > 1 and _bytes(store) > MOST_BYTES):
-                store.popitem(last=False)
-        return value
+        return self._data.keep(key, rows)
 
     def _shift(self, equation: Equation, part: Part, effects: Names, values: Values) -> Shift:
         """Return how what a part of an equation sees is shifted; it does not see other parts."""
@@ -309,10 +295,6 @@ class Replay:
         needed = run.period * fastest / STEP_TIMES_RATE
         needed *= STEP_TIMES_RATE / EXACT if needed <= FEW else 1.0
         return min(max(1, math.ceil(needed)), MOST_SUBSTEPS) if math.isfinite(needed) else 1
-
-
-def _bytes(store: Mapping[tuple[Any, ...], Kept]) -> int:
-    return sum(one.nbytes for one in store.values())
 
 
 def _parameters(parts: Iterable[Part]) -> set[str]:

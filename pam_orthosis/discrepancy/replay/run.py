@@ -130,9 +130,14 @@ class Run:
 
     def probing(self, count: int) -> np.ndarray:
         """Return samples at which the base states are extreme, and some in between."""
-        extreme = [end for row in self.base_states.values() for end in (np.argmin(row), np.argmax(row))]
         between = np.linspace(0, self.recording.samples - 1, count).astype(int)
-        return np.unique([*extreme, *between])
+        return np.unique([*self._extreme, *between])
+
+    @cached_property
+    def _extreme(self) -> list[int]:
+        """The samples at which the base states are extreme."""
+        rows = self.base_states.values()
+        return [int(end) for row in rows for end in (np.argmin(row), np.argmax(row))]
 
     def smooth(self, channel: str) -> np.ndarray:
         """Return the smoothed recording of a channel."""

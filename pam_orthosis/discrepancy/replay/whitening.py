@@ -43,7 +43,9 @@ class Whitener:
             return white
         # transforms along rows are several times faster than along columns
         rows = np.ascontiguousarray(columns.T)
-        turned: np.ndarray = irfft(rfft(rows, size) * response, size)[:, :n].T
+        spectrum = rfft(rows, size)
+        spectrum *= response  # in place: these are large
+        turned: np.ndarray = irfft(spectrum, size, overwrite_x=True)[:, :n].T
         return turned
 
 
