@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import welch
+from scipy.signal import spectrogram
 
 from pam_orthosis.discrepancy.fitting.free import Free
 from pam_orthosis.discrepancy.fitting.linearised import Linearised
@@ -207,11 +207,17 @@ def _descended(
 
 def scaled_slopes(block: Block, free: Sequence[Free]) -> tuple[np.ndarray, np.ndarray]:
     """Return the derivatives by the scaled free parameters, transposed, and their places among these."""
+    rows, scale, place = _slopes(block, free)
+    return rows * scale[:, None], place
+
+
+def _slopes(block: Block, free: Sequence[Free]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the derivatives by the free parameters, transposed, their scales and places among these."""
     index = {one.name: i for i, one in enumerate(free)}
-    scale = np.array([one.scale for one in free])
     kept = [i for i, name in enumerate(block.names) if name in index]
     place = np.array([index[block.names[i]] for i in kept], dtype=int)
-    return np.ascontiguousarray(block.slopes.T[kept]) * scale[place][:, None], place
+    rows = block.slopes.T if len(kept) == len(block.names) else block.slopes.T[kept]
+    return rows, np.array([one.scale for one in free])[place], place
 
 
 class _Normal:
@@ -221,17 +227,17 @@ class _Normal:
         self._free = free
         self._weight = np.array([one.scale / one.sd for one in free])
         self.hessian = np.diag(self._weight**2)
-        self._parts = {name: scaled_slopes(block, free) for name, block in blocks.items()}
+        self._parts = {name: _slopes(block, free) for name, block in blocks.items()}
         with np.errstate(over="ignore", invalid="ignore"):  # a replay that went astray is not `known`
-            for matrix, place in self._parts.values():
-                self.hessian[np.ix_(place, place)] += matrix @ matrix.T
+            for rows, scale, place in self._parts.values():
+                self.hessian[np.ix_(place, place)] += (rows @ rows.T) * np.outer(scale, scale)
         self.known = bool(np.isfinite(self.hessian).all())
 
     def gradient(self, residuals: Mapping[str, np.ndarray], values: Values) -> np.ndarray:
         """Return the gradient (half) by the scaled parameters."""
         gradient: np.ndarray = self._weight * np.array([one.deviation(values) for one in self._free])
-        for name, (matrix, place) in self._parts.items():
-            gradient[place] += matrix @ residuals[name]
+        for name, (rows, scale, place) in self._parts.items():
+            gradient[place] += scale * (rows @ residuals[name])
         return gradient
 
 
@@ -248,7 +254,10 @@ def misfit(problem: Problem, equation: Equation, residual: np.ndarray) -> float:
 
 def peak(residual: np.ndarray) -> float:
     """Return the largest power density of whitened residuals over what is ordinary for white noise."""
-    density = welch(residual, fs=2.0, nperseg=min(SEGMENT, len(residual)), detrend=False)[1]
+    size = min(SEGMENT, len(residual))
+    # the mean over segments is Welch's estimate; SciPy's own transforms one segment after the other
+    segments = spectrogram(residual, 2.0, "hann", size, size // 2, detrend=False)[2]
+    density = segments.mean(axis=-1)
     return float(np.max(np.convolve(density, np.ones(5) / 5, "valid"))) / ORDINARY_PEAK
 
 
