@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from itertools import count
 
 import pytest
 from live_runs import LIMIT_S, wait_for
@@ -59,32 +60,30 @@ class Manager:
         there = self.commands
         self.until(lambda: self.commands > there + 3)
 
-    def _ask(self, node, kind, service, request):
-        client = self._node.create_client(kind, f"/{node}/{service}")
-        self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result()
-
-    def set(self, node, transition):
-        number = getattr(Transition, f"TRANSITION_{transition.upper()}")
-        request = ChangeState.Request(transition=Transition(id=number))
-        return self._ask(node, ChangeState, "change_state", request).success
-
-    def state(self, node):
-        """Return a node's state; who asks one that is just leaving gets no answer, and asks again."""
-        client = self._node.create_client(GetState, f"/{node}/get_state")
-        futures = []
+    def _answer(self, client, request):
+        """Return an answer; who asks one that does not know him yet, or is leaving, gets none: asks again."""
+        futures, turns = [], count()
 
         def answered():
-            if client.service_is_ready() and len(futures) < 1 + self._turns // TURNS:
-                futures.append(client.call_async(GetState.Request()))
-            self._turns += 1
+            if client.service_is_ready() and len(futures) < 1 + next(turns) // TURNS:
+                futures.append(client.call_async(request))
             return any(future.done() for future in futures)
 
-        self._turns = 0
         self.until(answered)
-        return next(future for future in futures if future.done()).result().current_state.label
+        return next(future for future in futures if future.done()).result()
+
+    def set(self, node, transition):
+        client = self._node.create_client(ChangeState, f"/{node}/change_state")
+        nothing = ChangeState.Request(transition=Transition(label="nothing"))
+        assert not self._answer(client, nothing).success  # from now on an answer arrives
+        number = getattr(Transition, f"TRANSITION_{transition.upper()}")
+        future = client.call_async(ChangeState.Request(transition=Transition(id=number)))
+        self.until(future.done)
+        return future.result().success
+
+    def state(self, node):
+        client = self._node.create_client(GetState, f"/{node}/get_state")
+        return self._answer(client, GetState.Request()).current_state.label
 
     def end(self):
         """End the process; return what it said."""
