@@ -15,7 +15,7 @@ def gap() -> str:
     both, pairs = results.both(results.chosen_of(every, "pairs"))
     none, nulls = results.quiet([r for r in every if r["set"].endswith("-none")])
     return (
-        f"In realistic cases of medium size of the last set the hidden effect was named in {now} of {asked}"
+        f"In realistic cases of medium size of the last sets the hidden effect was named in {now} of {asked}"
         f" ({now / asked:.0%}; asked are {results.ASKED['realistic', 'medium']:.0%}), in all sets in"
         f" {found} of {tried} ({found / tried:.0%}), where a wrong name was given in"
         f" {results.wrong(medium)[0]}. Of two effects at once, both were named in {both} of {pairs} cases."

@@ -30,7 +30,7 @@ from control_campaign.cases import PEERS  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
-LATEST = ("873252",)  # sets of cases of the gap workflow, the last ones
+LATEST = ("873252", "490851")  # sets of cases of the gap workflow, the last ones
 LATEST_OUTSIDE = 918276  # the same, of effects outside the catalogue
 BLIND = (
     "515151",
