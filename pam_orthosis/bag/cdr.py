@@ -16,6 +16,7 @@ from functools import lru_cache
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
+from pam_orthosis.bag.definitions import FIELDS
 from pam_orthosis.bag.topics import SECOND_NS
 
 if TYPE_CHECKING:
@@ -34,54 +35,6 @@ class Unreadable(ValueError):
     """A serialised message that is not one of its type."""
 
 
-# the types of the topics' table and of what viewers receive, tested against the standard's; to load all of
-# these takes a fifth of a second
-FIELDS = {
-    "builtin_interfaces/msg/Time": "int32 sec, uint32 nanosec",
-    "builtin_interfaces/msg/Duration": "int32 sec, uint32 nanosec",
-    "std_msgs/msg/Header": "builtin_interfaces/msg/Time stamp, string frame_id",
-    "rosgraph_msgs/msg/Clock": "builtin_interfaces/msg/Time clock",
-    "sensor_msgs/msg/JointState": "std_msgs/msg/Header header, string[] name, float64[] position,"
-    " float64[] velocity, float64[] effort",
-    "sensor_msgs/msg/FluidPressure": "std_msgs/msg/Header header, float64 fluid_pressure, float64 variance",
-    "sensor_msgs/msg/TimeReference": "std_msgs/msg/Header header, builtin_interfaces/msg/Time time_ref,"
-    " string source",
-    "geometry_msgs/msg/Vector3": "float64 x, float64 y, float64 z",
-    "geometry_msgs/msg/Vector3Stamped": "std_msgs/msg/Header header, geometry_msgs/msg/Vector3 vector",
-    "geometry_msgs/msg/Wrench": "geometry_msgs/msg/Vector3 force, geometry_msgs/msg/Vector3 torque",
-    "geometry_msgs/msg/WrenchStamped": "std_msgs/msg/Header header, geometry_msgs/msg/Wrench wrench",
-    "trajectory_msgs/msg/JointTrajectoryPoint": "float64[] positions, float64[] velocities,"
-    " float64[] accelerations, float64[] effort, builtin_interfaces/msg/Duration time_from_start",
-    "trajectory_msgs/msg/JointTrajectory": "std_msgs/msg/Header header, string[] joint_names,"
-    " trajectory_msgs/msg/JointTrajectoryPoint[] points",
-    "diagnostic_msgs/msg/KeyValue": "string key, string value",
-    "diagnostic_msgs/msg/DiagnosticStatus": "byte level, string name, string message, string hardware_id,"
-    " diagnostic_msgs/msg/KeyValue[] values",
-    "diagnostic_msgs/msg/DiagnosticArray": "std_msgs/msg/Header header,"
-    " diagnostic_msgs/msg/DiagnosticStatus[] status",
-    "geometry_msgs/msg/Point": "float64 x, float64 y, float64 z",
-    "geometry_msgs/msg/Quaternion": "float64 x, float64 y, float64 z, float64 w",
-    "geometry_msgs/msg/Pose": "geometry_msgs/msg/Point position, geometry_msgs/msg/Quaternion orientation",
-    "geometry_msgs/msg/Transform": "geometry_msgs/msg/Vector3 translation,"
-    " geometry_msgs/msg/Quaternion rotation",
-    "geometry_msgs/msg/TransformStamped": "std_msgs/msg/Header header, string child_frame_id,"
-    " geometry_msgs/msg/Transform transform",
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/msg/TransformStamped[] transforms",
-    "std_msgs/msg/ColorRGBA": "float32 r, float32 g, float32 b, float32 a",
-    "sensor_msgs/msg/CompressedImage": "std_msgs/msg/Header header, string format, uint8[] data",
-    "visualization_msgs/msg/UVCoordinate": "float32 u, float32 v",
-    "visualization_msgs/msg/MeshFile": "string filename, uint8[] data",
-    "visualization_msgs/msg/Marker": "std_msgs/msg/Header header, string ns, int32 id, int32 type,"
-    " int32 action, geometry_msgs/msg/Pose pose, geometry_msgs/msg/Vector3 scale,"
-    " std_msgs/msg/ColorRGBA color, builtin_interfaces/msg/Duration lifetime, bool frame_locked,"
-    " geometry_msgs/msg/Point[] points, std_msgs/msg/ColorRGBA[] colors, string texture_resource,"
-    " sensor_msgs/msg/CompressedImage texture, visualization_msgs/msg/UVCoordinate[] uv_coordinates,"
-    " string text, string mesh_resource, visualization_msgs/msg/MeshFile mesh_file,"
-    " bool mesh_use_embedded_materials",
-    "visualization_msgs/msg/MarkerArray": "visualization_msgs/msg/Marker[] markers",
-}
-
-
 @lru_cache
 def store() -> Typestore:
     """Return the standard types of ROS 2 Jazzy."""
@@ -96,9 +49,10 @@ class Shape:
     Attributes:
         size: of the message without what may trail it, bytes.
         places: path of a number (`header.stamp.sec`, `position[0]`) -> offset in the message, struct format.
+        names: texts that are elements of a list (of joints) -> their places in it.
         takers: paths of some numbers -> what takes stamp and these out of such a message.
         lengths, found: a message of the same size, as one little-endian number, has this shape if the former
-            mask leaves the latter of it.
+            mask, of lengths and names, leaves the latter of it.
     """
 
     def __init__(self, data: bytes, msgtype: str, most_trailing: int = 3):
@@ -106,11 +60,18 @@ class Shape:
         if not 0 <= len(data) - HEAD - walk.position <= most_trailing:
             raise Unreadable(f"{msgtype} has another size")
         self.size = HEAD + walk.position
-        self.places = walk.places
+        self.places, self.names = walk.places, walk.names
         self.takers: dict[tuple[str, ...], Callable[[bytes], tuple[Any, ...]]] = {}
         self._kept = _mask([(0, 2), *walk.texts, *walk.lengths, *_spans(walk.places)])
-        self.lengths = _mask([(0, 2), *walk.lengths])
+        self.lengths = _mask([(0, 2), *walk.lengths, *walk.listed])
         self.found = int.from_bytes(data, "little") & self.lengths
+
+    def path(self, field: str) -> str:
+        """Return the path of a number of which a list's place may be given by a name: `position['knee']`."""
+        for name, place in self.names.items():
+            if field.endswith(there := f"['{name}']"):
+                return f"{field.removesuffix(there)}[{place}]"
+        return field
 
     def canonical(self, number: int) -> bytes:
         """Return such a message with zeros for padding."""
@@ -138,7 +99,7 @@ class Shapes:
 class Reader:
     """Takes the stamp with which a message begins, and some of its numbers, out of serialised messages.
 
-    `fields`: paths of the numbers; `?` behind one that may be missing.
+    `fields`: paths of the numbers, in lists by place or name; `?` behind one that may be missing.
     """
 
     def __init__(self, msgtype: str, fields: Sequence[str]):
@@ -252,8 +213,8 @@ def _runs(numbers: Sequence[tuple[int, str]]) -> list[tuple[Callable[..., None],
 
 def _taker(shape: Shape, fields: Sequence[str]) -> Callable[[bytes], tuple[Any, ...]]:
     """Return what takes the stamp and these numbers, and what stands for those that are not there."""
-    names = [field.rstrip("?") for field in fields]
-    there = sorted((*shape.places[name], name) for name in names if name in shape.places)
+    names = [shape.path(field.rstrip("?")) for field in fields]
+    there = sorted((*shape.places[name], name) for name in {*names} & {*shape.places})
     formats, at = f"<{HEAD}xiI", HEAD + STAMP.size
     for offset, kind, _ in there:
         formats += f"{offset - at}x{kind}"
@@ -268,7 +229,7 @@ def _taker(shape: Shape, fields: Sequence[str]) -> Callable[[bytes], tuple[Any, 
 
 
 class _Walk:
-    """A walk through a message: spans of its texts and lengths, places of its numbers."""
+    """A walk through a message: spans of its texts and lengths, places of its numbers and names."""
 
     def __init__(self, data: bytes, msgtype: str):
         self._data = data
@@ -276,6 +237,8 @@ class _Walk:
         self.places: dict[str, tuple[int, str]] = {}
         self.texts: list[tuple[int, int]] = []
         self.lengths: list[tuple[int, int]] = []
+        self.listed: list[tuple[int, int]] = []
+        self.names: dict[str, int] = {}
         try:
             self._message(msgtype, "")
         except struct.error as error:
@@ -291,6 +254,8 @@ class _Walk:
         if kind.endswith("[]"):
             for index in range(self._length()):
                 self._field(kind[:-2], f"{path}[{index}]")
+                if kind == "string[]":
+                    self._name(index)
         elif kind == "string":
             self._text(path)
         elif kind in _FORMATS:
@@ -304,6 +269,12 @@ class _Walk:
         self.position += size
         if HEAD + self.position > len(self._data):
             raise Unreadable(f"{path} is longer than its message")
+
+    def _name(self, index: int) -> None:
+        offset, size = self.texts[-1]
+        self.listed.append((offset, size))
+        text = bytes(self._data[offset : offset + size]).removesuffix(b"\0")
+        self.names.setdefault(text.decode(errors="replace"), index)
 
     def _number(self, kind: str, path: str) -> None:
         size = struct.calcsize(kind)

@@ -10,7 +10,6 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from pam_orthosis.bag import earlier_layout, messages
-from pam_orthosis.bag.cdr import store
 from pam_orthosis.bag.record import message_definition
 from pam_orthosis.bag.topics import Signal, resolve
 from pam_orthosis.errors import OrthosisError
@@ -43,25 +42,17 @@ class LegMessages:
         if there.digest not in ("", message_definition(expected)[1]):
             raise OrthosisError(f"{name} is of another version of the type {expected}")
 
-    def messages(self, topics: Iterable[str]) -> Iterator[tuple[str, Any]]:
-        """Yield topic and message, in the order of the bag."""
-        for topic, connection, data in self._recorded(topics):
-            if (message := self._message(topic, connection, data)) is not None:
-                yield topic, message
-
     def raw(self, topics: Iterable[str]) -> Iterator[tuple[str, bytes]]:
         """Yield topic and serialised message, in the order of the bag."""
         for topic, connection, data in self._recorded(topics):
             if not (self._earlier and earlier_layout.differs(topic)):
                 yield topic, bytes(data)
-            elif (message := self._message(topic, connection, data)) is not None:
+            elif (message := self._as_today(topic, connection, data)) is not None:
                 yield topic, messages.serialised(message.__msgtype__, message)
 
-    def _message(self, topic: str, connection: Connection, data: bytes) -> Any:
-        message = store().deserialize_cdr(data, connection.msgtype)  # not by the types that the bag declares
-        if self._earlier and earlier_layout.differs(topic):
-            return earlier_layout.as_today(topic, message, self._namespace.strip("/"), self.valve)
-        return message
+    def _as_today(self, topic: str, connection: Connection, data: bytes) -> Any:
+        message = messages.deserialised(connection.msgtype, data)  # not by the types that the bag declares
+        return earlier_layout.as_today(topic, message, self._namespace.strip("/"), self.valve)
 
     def _recorded(self, topics: Iterable[str]) -> Iterator[tuple[str, Connection, bytes]]:
         wanted: dict[str, list[str]] = defaultdict(list)

@@ -3,7 +3,7 @@
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import attrgetter
@@ -14,7 +14,8 @@ import numpy as np
 
 from pam_orthosis.bag import messages
 from pam_orthosis.bag.bounded import damage_told, open_bag
-from pam_orthosis.bag.cdr import serialised_stamp_ns
+from pam_orthosis.bag.cdr import Reader, serialised_stamp_ns
+from pam_orthosis.bag.definitions import FIELDS
 from pam_orthosis.bag.information import RUN_RECORD
 from pam_orthosis.bag.leg_messages import LegMessages
 from pam_orthosis.bag.rig_topics import RIG_SIGNALS
@@ -221,19 +222,49 @@ def _read(source: LegMessages, signals: Sequence[Signal], more: Sequence[Signal]
     for signal in there.values():
         source.check(signal.topic, signal.type)
         wanted[signal.topic].append(signal)
-    samples: dict[str, tuple[list[int], list[float]]] = {name: ([], []) for name in there}
-    for topic, message in source.messages(wanted):
-        stamp_ns = messages.stamp_ns(message)
-        for signal in wanted[topic]:
-            stamps, values = samples[signal.name]
-            stamps.append(stamp_ns)
-            values.append(_value(message, signal, source.valve))
+    columns = _columns(source, wanted)
     optional = {signal.name for signal in more}
     return {
-        name: _series(source.path, there[name], *lists)
-        for name, lists in samples.items()
-        if lists[0] or name not in optional
+        name: _series(source, signal, *columns[name])
+        for name, signal in there.items()
+        if len(columns[name][0]) or name not in optional
     }
+
+
+def _columns(
+    source: LegMessages, wanted: Mapping[str, Sequence[Signal]]
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return stamps, ns, and recorded numbers of the signals that are wanted of topics."""
+    readers = {topic: _reader(signals) for topic, signals in wanted.items()}
+    samples: dict[str, list[tuple[int, tuple[float, ...]]]] = {topic: [] for topic in wanted}
+    for topic, data in source.raw(wanted):
+        samples[topic].append(readers[topic](data))
+    columns: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for topic, signals in wanted.items():
+        stamps = np.array([stamp for stamp, _ in samples[topic]], dtype=np.int64)
+        rows = np.array([row for _, row in samples[topic]], dtype=float).reshape(-1, len(signals))
+        columns |= {signal.name: (stamps, rows[:, index]) for index, signal in enumerate(signals)}
+    return columns
+
+
+def _reader(signals: Sequence[Signal]) -> Callable[[bytes], tuple[int, tuple[float, ...]]]:
+    """Return what takes the stamp and the signals of a topic out of its serialised messages."""
+    kind = signals[0].type
+    if kind in FIELDS:
+        return Reader(kind, [_path(signal) for signal in signals])
+    values = attrgetter(*(signal.field for signal in signals), "header.stamp.sec")
+
+    def read(data: bytes) -> tuple[int, tuple[float, ...]]:
+        message = messages.deserialised(kind, data)
+        return messages.stamp_ns(message), values(message)[:-1]
+
+    return read
+
+
+def _path(signal: Signal) -> str:
+    """Return where in a message a signal is."""
+    point = "points[0]." if signal.type == MOTION else ""
+    return f"{point}{signal.field}['{signal.joint}']" if signal.joint else signal.field
 
 
 def _found_in(source: LegMessages, signal: Signal) -> Signal | None:
@@ -243,28 +274,14 @@ def _found_in(source: LegMessages, signal: Signal) -> Signal | None:
     return signal._replace(topic=signal.instead) if signal.instead and source.has(signal.instead) else None
 
 
-def _value(message: Any, signal: Signal, valve: Section) -> float:
-    if signal.type == MOTION:
-        if not message.points:
-            return np.nan
-        return _at(getattr(message.points[0], signal.field), message.joint_names, signal.joint)
-    if signal.joint:
-        value = _at(getattr(message, signal.field), message.name, signal.joint)
-        return voltage_of(value, valve) if signal.spool else value
-    return float(attrgetter(signal.field)(message))
-
-
-def _at(values: Sequence[float], names: Sequence[str], name: str) -> float:
-    """Return the value of a named joint, NaN where the message does not give it."""
-    index = names.index(name) if name in names else len(values)
-    return values[index] if index < len(values) else np.nan
-
-
-def _series(path: Path, signal: Signal, stamps: list[int], values: list[float]) -> Series:
-    if not stamps:
+def _series(source: LegMessages, signal: Signal, stamps: np.ndarray, values: np.ndarray) -> Series:
+    path = source.path
+    if not len(stamps):
         raise OrthosisError(f"{path}: topic {signal.topic} is empty, needed for {signal.name}")
-    stamp_ns, first = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
-    value = np.array(values, dtype=float)[first]
+    stamp_ns, first = np.unique(stamps, return_index=True)
+    value = values[first]
+    if signal.spool:
+        value = np.array([voltage_of(position, source.valve) for position in value])
     bad = ~np.isfinite(value)
     if bad.any():
         where = stamp_ns[np.argmax(bad)] / SECOND_NS

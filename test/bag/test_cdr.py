@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pam_orthosis.bag.cdr import FIELDS, LITTLE_ENDIAN, Reader, Shape, Template, Unreadable, canonical, store
+from pam_orthosis.bag import messages
+from pam_orthosis.bag.cdr import LITTLE_ENDIAN, Reader, Shape, Template, Unreadable, canonical, store
+from pam_orthosis.bag.definitions import FIELDS
 from pam_orthosis.bag.topics import Topics
 from pam_orthosis.model.machines import KNEE
 
@@ -138,3 +140,16 @@ def _spelt(kind, what):
     if kind.name == "SEQUENCE":
         return f"{_spelt(*what[0])}[]"
     return what if kind.name == "NAME" else what[0]
+
+
+def test_a_number_is_found_by_the_name_of_its_joint_wherever_it_stands():
+    read = Reader(JOINT, ["position['knee']", "position['a[0]']", "position['knee']", "position[0]"])
+    for names, expected in (
+        (["knee", "a[0]"], (1.0, 2.0, 1.0, 1.0)),
+        (["a[0]", "knee"], (2.0, 1.0, 2.0, 1.0)),
+        (["toes", "knee"], (2.0, np.nan, 2.0, 1.0)),
+    ):
+        data = messages.serialised(JOINT, messages.joint_state(7, names, position=[1.0, 2.0]))
+        stamp_ns, numbers = read(data)
+        assert stamp_ns == 7
+        np.testing.assert_array_equal(numbers, expected)
