@@ -33,6 +33,7 @@ COMPILER_FLAGS = (
 # shorter code of the same operations
 NEWER_INSTRUCTIONS = "avx2"
 PATIENCE_S, LOOK_S = 60.0, 0.02  # with another process that builds the same library
+COMPILER_S = 300.0  # at most; seconds are enough on a machine that is not busy
 # calls of the mathematics library; as these do, the comparison takes the number if the other is NaN
 IN_PLACE = {
     "return fmax(x, y);": "return x > y || y != y ? x : y;",
@@ -267,7 +268,15 @@ def _compile(command: list[str], source: str, library: Path) -> bool:
         code, built = Path(folder, "f.c"), Path(folder, "f.so")
         code.write_text(source, encoding="utf-8")
         whole = [*command, str(code), "-o", str(built), "-lm"]
-        if subprocess.run(whole, capture_output=True, check=False).returncode != 0:
+        silent: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+        try:
+            if subprocess.run(whole, check=False, timeout=COMPILER_S, **silent).returncode != 0:
+                return False
+        except subprocess.TimeoutExpired:
+            os.environ["PAM_ORTHOSIS_NO_COMPILER"] = "1"  # or each function would wait as long
+            _tell_once(
+                f"{command[0]} does not end; it was stopped after {COMPILER_S:g} s: computing goes on without"
+            )
             return False
         built.chmod(0o700)  # whatever the mask is: what others can write is not loaded
         os.replace(built, library)  # several processes may build the same library at once

@@ -2,6 +2,7 @@
 """The cache of machine code: whatever is in it or becomes of it, functions work."""
 
 import fcntl
+import os
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -140,6 +141,19 @@ def test_a_process_that_builds_for_ever_is_not_waited_for(monkeypatch):
         assert module.shared_library("one", SOURCE, FLAGS) == library
         assert lock.exists(), "it is the other one's"
     assert library.exists()
+
+
+def test_a_compiler_that_does_not_end_is_stopped(cache, tmp_path, monkeypatch, capsys):
+    program = tmp_path / "gcc"
+    program.write_text("#!/bin/sh\nexec sleep 1000\n")
+    program.chmod(0o700)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    monkeypatch.setenv("PAM_ORTHOSIS_NO_COMPILER", "")
+    monkeypatch.setattr(module, "COMPILER_S", 0.5)
+    assert module.best_library("one", SOURCE, FLAGS, [("-O2",), ()]) is None
+    assert os.environ["PAM_ORTHOSIS_NO_COMPILER"], "the next function would wait as long"
+    assert f"{program} does not end" in capsys.readouterr().err
+    assert not list(cache.iterdir())
 
 
 @pytest.mark.usefixtures("compiler", "cache")
