@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
-from pam_orthosis.discrepancy.answer.between import remarks_on_inputs, stamped_late
+from pam_orthosis.discrepancy.answer.between import declared_otherwise, remarks_on_inputs, stamped_late
 from pam_orthosis.discrepancy.answer.judgement import OPEN, Outcome, outcome_of
 from pam_orthosis.discrepancy.answer.patch import DESCRIBED
+from pam_orthosis.discrepancy.answer.ratios import of_ratios
 from pam_orthosis.discrepancy.answer.standing import standing
 from pam_orthosis.discrepancy.answer.unknown_words import short
 from pam_orthosis.discrepancy.fitting.fit import Fit
@@ -81,8 +82,10 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
         bare = replace(found, final=start.null, final_problem=start.problem)
         remarks = remarks_on_agreement(start.problem, start.held_out, start.null)
         outcome = outcome_of(start, bare, settings, remarks)
+    if declared := declared_otherwise(found, settings):
+        return outcome.of_mistaken(declared)
     if outcome.verdict not in OPEN:
-        return outcome.of_mistaken() if start.mistaken else outcome.of_skewed(start.stamps, start.skewed)
+        return _doubted(start, found, outcome)
     if outcome.foreign or (not outcome.effects and stamped_late(start.system, found.steps)):
         return outcome.described(None)
     progress("describing what is left")
@@ -90,6 +93,13 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
         return _described(start, outcome, start.problem, start.null)
     told = _described(start, outcome, found.final_problem, found.final)
     return told if told.verdict != DESCRIBED else _or_without_names(start, told)
+
+
+def _doubted(start: Beginning, found: Selection, outcome: Outcome) -> Outcome:
+    """Return an outcome that explains the gap with what speaks against it, if anything does."""
+    if start.mistaken:
+        return outcome.of_mistaken(f"the recordings seem to have a mistake ({CHECK})")
+    return of_ratios(outcome, found.problem, found.null).of_skewed(start.stamps, start.skewed)
 
 
 def _described(start: Beginning, outcome: Outcome, problem: Problem, model: Fit) -> Outcome:

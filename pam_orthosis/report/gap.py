@@ -24,7 +24,7 @@ MEANINGS = {
     "unexplained": "Model and recordings differ, and nothing in the catalogue accounts for it.",
 }
 NAMED = "Recalibration alone leaves noise; what is named below explains it better."
-MISTAKEN = "The recordings seem to have a mistake; what explains a mistake is no explanation."
+MISTAKEN = "Something seems mistaken (see below); what makes up for a mistake is no explanation."
 FOREIGN = (
     "Something large is missing in the model, or the recordings are of another machine, or their columns,"
     " signs or units are wrong."

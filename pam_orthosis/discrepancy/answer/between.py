@@ -7,16 +7,21 @@ What is wrong by half a row is small beside a gap, and large beside the interval
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pam_orthosis.discrepancy.fitting.fit import fit, score
+from pam_orthosis.discrepancy.fitting.fit import fit, fit_tempered, score
+from pam_orthosis.discrepancy.fitting.refit import recalibrated
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.search.confirmation import EMPTY
 from pam_orthosis.discrepancy.search.selection import Selection, Step
-from pam_orthosis.discrepancy.systems.system import System
+from pam_orthosis.discrepancy.systems.system import Names, System
 from pam_orthosis.model.parameters import Section
+from pam_orthosis.progress import silent
 
 STEPS = 3
+FEW = 0.4  # power density over that of noise, less 1: hardly more than noise alone
+SHARE = 0.1  # of what is left, that an input which runs the other way may leave
+UNSURE = "but more than noise is left, and what is missing may look like that: no reason to change it"
 CLOSES = 0.9  # of squared residuals: what inputs that act earlier take away, if stamps are the cause
 
 
@@ -43,31 +48,54 @@ def _between_rows(found: Selection, settings: Section) -> list[str]:
     The voltages of machines are known to be held: they come from a control loop.
     """
     problem, final = found.final_problem, found.final
-    if problem.system.input_period or not problem.system.inputs:
-        return []
     before, remarks = score(problem, final), []
     late = {problem.system.catalogue[name].late_of for name in final.effects}
-    for name in (one for one in problem.system.inputs if one not in late):  # of one it is known but roughly
-        other = _otherwise(problem, name, settings.replay.cross_cutoff)
+    for name in (
+        one for one in _declared(problem.system) if one not in late
+    ):  # of one it is known but roughly
+        other = _otherwise(problem, (name,), settings.replay.cross_cutoff)
         evidence = before - score(other, fit(other, final.effects, final.values, final.free, most=STEPS))
         if evidence > settings.evidence.threshold:
-            remarks.append(_words(problem.system, name, evidence))
+            left, _ = fit_tempered(other, final.effects, final.values, final.free)
+            surely = _excess(left) < max(FEW, SHARE * _excess(problem))
+            rest = "values and intervals are off until it is right" if surely else UNSURE
+            remarks.append(f"{_words(problem.system, (name,))} (evidence {evidence:.0f}); {rest}")
     return remarks
 
 
-def _otherwise(problem: Problem, name: str, cutoff: float) -> Problem:
-    """Return a problem with an input that runs the other way between rows."""
+def declared_otherwise(found: Selection, settings: Section) -> str:
+    """Return which inputs leave noise alone the other way between rows, without any effect; empty if none."""
+    system, names = found.problem.system, _declared(found.problem.system)
+    groups = [(name,) for name in names] + [names] * (len(names) > 1)
+    if found.final.effects == found.null.effects or _excess(found.problem) < FEW:
+        return ""
+    for one in groups:
+        fitted, _ = recalibrated(_otherwise(found.problem, one, settings.replay.cross_cutoff), silent)
+        if _excess(fitted) < FEW:
+            return _words(system, one)
+    return ""
+
+
+def _declared(system: System) -> Names:
+    """Return the inputs of which a user said what they do between rows."""
+    return () if system.input_period else system.inputs
+
+
+def _otherwise(problem: Problem, names: Names, cutoff: float) -> Problem:
+    """Return a problem with inputs that run the other way between rows."""
     system = problem.system
-    gradual = tuple({*system.gradual} ^ {name})
+    gradual = tuple({*system.gradual} ^ {*names})
     replay = Replay(replace(system, gradual=gradual), problem.replay.workers)
     runs = [replace(one, run=Run(replay.system, one.run.recording, cutoff)) for one in problem.scored]
     return Problem(replay, runs, problem.weights)
 
 
-def _words(system: System, name: str, evidence: float) -> str:
-    held = name in system.gradual  # where it fits better
+def _excess(weighted: Problem) -> float:
+    """Return how much more than noise is left in an equation, by the weights that a fit has set."""
+    return 1 / min(weighted.weights.values()) ** 2 - 1
+
+
+def _words(system: System, names: Names) -> str:
+    held = names[0] in system.gradual  # where it fits better
     way = "held until the next row" if held else "going straight from row to row"
-    return (
-        f"{name} fits better {way} (evidence {evidence:.0f}): held={held} of its Input; values and intervals"
-        " are off until it is right"
-    )
+    return f"{' and '.join(names)} fits better {way}: held={held} of its Input"

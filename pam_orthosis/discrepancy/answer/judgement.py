@@ -96,7 +96,7 @@ class Outcome:
     held_out: Problem = field(repr=False)
     unknown: Unknown | None = None
     foreign: bool = False
-    mistaken: bool = False
+    mistaken: str = ""
     skewed: bool = False
 
     @property
@@ -105,10 +105,9 @@ class Outcome:
         worse = self.after.white[measure.OVERALL] >= self.before.white[measure.OVERALL]
         return bool(self.surrogates) and not self.effects and worse
 
-    def of_mistaken(self) -> Outcome:
-        """Return the outcome of recordings that seem mistaken: what explains a mistake is no explanation."""
-        verdict = "partial" if self.effects else "unexplained"
-        return replace(self, verdict=verdict, mistaken=True)
+    def of_mistaken(self, told: str) -> Outcome:
+        """Return the outcome where something seems mistaken: what makes up for it is no explanation."""
+        return replace(self, verdict="partial" if self.effects else "unexplained", mistaken=told)
 
     def of_skewed(self, told: Sequence[str], clearly: bool) -> Outcome:
         """Return the outcome of recordings whose stamps seem off: of several effects one may make up for it.

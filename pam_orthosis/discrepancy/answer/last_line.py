@@ -17,7 +17,6 @@ from pam_orthosis.discrepancy.answer.judgement import (
 from pam_orthosis.discrepancy.answer.unknown_words import short
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.fitting.structure import clean
-from pam_orthosis.discrepancy.preparation.mistakes import CHECK
 from pam_orthosis.discrepancy.search.confirmation import at_values
 from pam_orthosis.discrepancy.search.findings import Named
 from pam_orthosis.discrepancy.systems.system import System, Values
@@ -54,7 +53,7 @@ def last_line(outcome: Outcome) -> str:
     bent = f", {but} nuisance parameters are far outside their tolerance" if far(outcome.strained) else ""
     if outcome.mistaken:
         maybe = f"{names or 'recalibration'} may only make up for it"
-        return f"{outcome.verdict.upper()}: the recordings seem to have a mistake ({CHECK}); {maybe}"
+        return f"{outcome.verdict.upper()}: {outcome.mistaken}; {maybe}"
     if outcome.skewed:
         return f"PARTIAL: {names} {much}, but stamps seem off: mend them and search again (see the remark)"
     words = {

@@ -61,7 +61,7 @@ def identifiability(
     What is wrong with the model at present is no property of the recordings: each residual counts fully.
     `whole`: the system with the equations, if any, that need inputs which are `missing`.
     """
-    problem, model = _untempered(problem, model)
+    problem, model = untempered(problem, model)
     projection, whole = Projection(problem, model), whole or problem.system
     known = {*model.effects, *whole.wrong}
     names = problem.replay.touching(name for name in problem.system.candidates if name not in known)
@@ -87,13 +87,13 @@ def identifiability(
         invisible,
         alike,
         experiments,
-        _together(problem.system, model),
+        together(problem.system, model),
         hidden,
         missing,
     )
 
 
-def _together(system: System, model: Fit) -> tuple[str, ...]:
+def together(system: System, model: Fit) -> tuple[str, ...]:
     """Return the parameters that take part in changes of which recordings tell less than tolerances do.
 
     What recordings do not show alone, as an offset of what only changes, is none of them.
@@ -112,7 +112,7 @@ def _together(system: System, model: Fit) -> tuple[str, ...]:
     return tuple(free[i].name for i, part in zip(seen, share, strict=True) if part > TAKES_PART)
 
 
-def _untempered(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
+def untempered(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
     """Return the problem and its fit with the weights taken away by which a gap tempers the residuals."""
     blocks = {
         name: Block(b.residual / b.weight, b.slopes / b.weight, b.names) for name, b in model.blocks.items()

@@ -138,11 +138,12 @@ def skews(system: System, one: Recording) -> list[Skew]:
     assembled, found = system.assemble(wrong), []
     for rate, state in system.derived.items():
         channel = next(c.name for c in system.channels if c.state == state)
-        drivers = _drivers(system, assembled, rate, channel)
-        if not drivers or any(name not in one.signals for name in drivers) or one.samples < FEWEST:
+        felt = _felt(system, assembled, rate, channel)
+        drivers = tuple(name for name in felt if name not in _coordinates(system))
+        if not drivers or any(name not in one.signals for name in felt) or one.samples < FEWEST:
             continue
         groups = dict.fromkeys([drivers, *((name,) for name in drivers)])
-        left_by = _remainders(system, assembled, one, rate, channel, drivers)
+        left_by = _remainders(system, assembled, one, rate, channel, felt)
         left = {late: left_by(late) for late in groups}
         late = min(left, key=lambda names: left[names].min() * (1.0 if names == drivers else ALONE))
         skew = _least(left[late], max(LEAST, one.period / 2))
@@ -151,11 +152,8 @@ def skews(system: System, one: Recording) -> list[Skew]:
     return found
 
 
-def _drivers(system: System, assembled: Assembled, rate: str, channel: str) -> tuple[str, ...]:
-    """Return the other channels and the inputs that a coordinate's acceleration depends on.
-
-    Another coordinate is recorded as this one is: it is not looked for late.
-    """
+def _felt(system: System, assembled: Assembled, rate: str, channel: str) -> tuple[str, ...]:
+    """Return the other channels and the inputs that a coordinate's acceleration depends on."""
     acceleration = assembled.rates[assembled.states.index(rate)]
     moved = {*system.derived_twice.values(), None}
     by_state = {c.state: c.name for c in system.channels if c.state not in moved and c.name != channel}
@@ -170,37 +168,46 @@ def _drivers(system: System, assembled: Assembled, rate: str, channel: str) -> t
     return (*felt, *inputs)
 
 
+def _coordinates(system: System) -> set[str]:
+    """Return the channels that are coordinates.
+
+    Another one is not looked for late: where a shaft or spring joins them, a shift is a damping that a slope
+    makes up for.
+    """
+    return {one.name for one in system.channels if one.state in system.derived.values()}
+
+
 def _depends(expression: ca.SX, symbol: ca.SX) -> bool:
     return bool(ca.depends_on(expression, symbol))
 
 
 def _remainders(
-    system: System, assembled: Assembled, one: Recording, rate: str, channel: str, drivers: tuple[str, ...]
+    system: System, assembled: Assembled, one: Recording, rate: str, channel: str, felt: tuple[str, ...]
 ) -> Callable[[Names], np.ndarray]:
     """Return what gives, for signals that may be late, what remains of the acceleration by their shift."""
     time = np.arange(one.samples) * one.period
     ends = round(SETTLING / one.period)
     places = np.unique(np.linspace(ends, one.samples - ends - 1, MOST_SAMPLES).astype(int))
-    smooth = {name: smoothed(one.signals[name], one.period, CUTOFF) for name in (channel, *drivers)}
+    smooth = {name: smoothed(one.signals[name], one.period, CUTOFF) for name in (channel, *felt)}
     velocity = np.gradient(smooth[channel], one.period)
     measured = np.gradient(velocity, one.period)[places]
-    missing = _missing(smooth[channel], velocity, [smooth[name] for name in drivers])[places]
+    missing = _missing(smooth[channel], velocity, [smooth[name] for name in felt])[places]
     law = _law(assembled, rate, len(places), _right(system, assembled))
     aged = system.aged.get(channel, 0.0)
-    acts = {name: aged + _late(system, name, one.period) for name in drivers}
+    acts = {name: aged + _late(system, name, one.period) for name in felt}
     beside = _beside(system, one, places)
-    rates = {of: np.gradient(smooth[name], one.period) for of, name in _rates(system, drivers).items()}
+    rates = {of: np.gradient(smooth[name], one.period) for of, name in _rates(system, felt).items()}
 
     def remainder(late: Names, shift: float) -> float:
-        lead = {n: shift * (n in late) - acts[n] for n in drivers}
-        at = {name: np.clip(time[places] + lead[name], 0.0, time[-1]) for name in drivers}
-        values = {name: np.interp(at[name], time, smooth[name]) for name in drivers}
+        lead = {n: shift * (n in late) - acts[n] for n in felt}
+        at = {name: np.clip(time[places] + lead[name], 0.0, time[-1]) for name in felt}
+        values = {name: np.interp(at[name], time, smooth[name]) for name in felt}
         values[channel] = smooth[channel][places]
         base: dict[str | None, np.ndarray] = {
             c.state: values.get(c.name, one.signals[c.name][places]) for c in system.channels
         }
         base[rate] = velocity[places]
-        moving = _rates(system, drivers).items()
+        moving = _rates(system, felt).items()
         base.update({of: np.interp(at[name], time, rates[of]) for of, name in moving})
         base.update(beside)
         x = np.array([base.get(name, np.zeros(len(places))) for name in assembled.states])

@@ -15,6 +15,7 @@ import casadi as ca
 
 from pam_orthosis.discrepancy.systems.changes import ON, UNKNOWN, Curve, changed, check_known, check_numbers
 from pam_orthosis.discrepancy.systems.implied import (
+    lagging_channel,
     late_channel,
     late_input,
     late_inputs,
@@ -193,7 +194,7 @@ class Model:
 
     @cached_property
     def implied(self) -> tuple[Effect, ...]:
-        """What may be missing in any system: other values of parameters, inputs or channels that are late.
+        """What may be missing in any system: other values of parameters, what is late, sensors that lag.
 
         An effect of the model that has such a name is meant by it. A channel that is alone is late as the
         inputs are early.
@@ -203,6 +204,7 @@ class Model:
         found += [late_input(one) for one in self.inputs] if len(self.inputs) > 1 else []
         shown = [one for one in self.channels if one.state is not None]
         found += [late_channel(one) for one in shown] if len(self.channels) > 1 else []
+        found += [lagging_channel(one) for one in shown]
         return tuple(one for one in found if one.name not in {effect.name for effect in self.effects})
 
     @cached_property

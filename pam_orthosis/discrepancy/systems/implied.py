@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pam_orthosis.discrepancy.systems.suspects import VALUE
 from pam_orthosis.model.effects import pade
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from pam_orthosis.discrepancy.systems.builder import Input, Parameter
     from pam_orthosis.discrepancy.systems.system import Channel
 
-WRONG, DELAY = "wrong_", "inputs_delay"
+WRONG, DELAY, MEASURED = "wrong_", "inputs_delay", "measured_"
 LEAST, TYPICAL, REACH = 3.0, 6.0, 100.0  # tolerances: worth a name, to look for, and at most
 LONGEST = 0.5  # s
 STARTS = 0.005, -0.005, -0.02, 0.05, -0.05, 0.1, 0.2, 0.35  # s
-SHORTEST = 5.0e-4  # s, of a sensor's delay
+SHORTEST, SLOWEST = 5.0e-4, 30.0  # s, of a sensor's delay or lag
 SOURCE = "a mistake that any apparatus may have"
 
 
@@ -72,8 +72,8 @@ def late_input(one: Input) -> Effect:
 
 
 def late_channel(channel: Channel) -> Effect:
-    """Return the candidate that a channel shows the past: its sensor lags, or its clock differs."""
-    stage = f"measured_{channel.name}"
+    """Return the candidate that a channel shows the past as it was, or that its clock differs."""
+    stage = f"{MEASURED}{channel.name}"
     return Effect(
         f"{channel.name}_delay",
         stage,
@@ -87,3 +87,31 @@ def late_channel(channel: Channel) -> Effect:
         minimum_effect=3.0e-4,
         advance=lambda p: {channel.name: p.delay},
     )
+
+
+def lagging_channel(channel: Channel) -> Effect:
+    """Return the candidate that a channel's sensor follows by a lag of the first order."""
+    stage = f"{MEASURED}{channel.name}"
+    return Effect(
+        f"{channel.name}_lag",
+        stage,
+        (Quantity("time", 0.02, "s", SHORTEST, SLOWEST, f"time constant with which {channel.name} follows"),),
+        lambda _s, _p, own: Contribution({stage: -own[0]}),
+        physics="A filter, a float or the heat capacity of a sensor lets its value follow.",
+        source=SOURCE,
+        states=(f"{channel.name}_behind",),
+        starts=({"time": 0.002}, {"time": 0.2}, {"time": 2.0}),
+        minimum_effect=3.0e-4,
+    )
+
+
+def channel_of(effect: Effect) -> str:
+    """Return the channel of whose sensor one of these candidates is; empty if of none."""
+    return effect.stage.removeprefix(MEASURED)
+
+
+def sensor_rates(effect: Effect, own: Sequence[Any], rate: Any, values: Any) -> tuple[Any, ...]:
+    """Return the rates of the states of a sensor that is late or lags, given the rate of what it shows."""
+    if effect.advance is None:
+        return (rate - own[0] / values.time,)
+    return pade.chain(tuple(own), rate, values.delay)

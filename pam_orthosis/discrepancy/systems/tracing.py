@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from pam_orthosis.discrepancy.systems.cut import closure
-from pam_orthosis.discrepancy.systems.implied import parameter_of
+from pam_orthosis.discrepancy.systems.implied import channel_of, parameter_of, sensor_rates
 from pam_orthosis.discrepancy.systems.suspects import VALUE
 from pam_orthosis.discrepancy.systems.system import Assembled, Equation, System
 from pam_orthosis.errors import OrthosisError
-from pam_orthosis.model.effects import pade
 from pam_orthosis.model.effects.base import Contribution, Effect
 from pam_orthosis.model.effects.described import curve
 
@@ -122,8 +121,8 @@ class Traced:
         signals.check_finished()
         self.measured = {one.name: ca.SX(getattr(signals, f"measured_{one.name}")) for one in model.channels}
         for one in self._implied:
-            for late in one.advance(SimpleNamespace(delay=0.0)) if one.advance else ():
-                self._effect_rates[one.name] = self._past(one, late)
+            if shown := channel_of(one):
+                self._effect_rates[one.name] = self._past(one, shown)
         for one in self._on:
             rates = self._effect_rates.get(one.name, ())
             rates = tuple(rates(signals) if callable(rates) else rates)
@@ -157,10 +156,11 @@ class Traced:
         return inputs
 
     def _past(self, one: Effect, channel: str) -> tuple[Any, ...]:
-        """Return the rates of the states of a late channel."""
+        """Return the rates of the states of a channel that is late or lags."""
         state = next(known.state for known in self._model.channels if known.name == channel)
-        own = tuple(self._of_state[name] for name in one.states)
-        return pade.chain(own, self.rates[str(state)], self._symbols[f"{one.name}.delay"])
+        values = SimpleNamespace(**{q.name: self._symbols[f"{one.name}.{q.name}"] for q in one.parameters})
+        own = [self._of_state[name] for name in one.states]
+        return sensor_rates(one, own, self.rates[str(state)], values)
 
     def _value(self, one: Parameter) -> Any:
         """Return a parameter: the nominal one, as recalibration moves it, and as far as it is wrong."""
