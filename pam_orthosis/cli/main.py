@@ -83,7 +83,9 @@ def _worked(arguments: Sequence[str]) -> int:
     except BrokenPipeError:  # nobody reads the rest
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (Exception, KeyboardInterrupt) as error:
+    except SystemExit:  # of --help
+        raise
+    except BaseException as error:
         _over.append(True)
         return _failed(*_failure(error))
 

@@ -88,19 +88,20 @@ def test_values_of_parameters(text, value):
     assert _assignment(text) == ("a.b", value)
 
 
-def test_what_nobody_foresaw_is_one_line_and_no_answer(tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize("kind", [ZeroDivisionError, GeneratorExit])
+def test_what_nobody_foresaw_is_one_line_and_no_answer(tmp_path, capsys, monkeypatch, kind):
     from pam_orthosis.bag import verdict
 
     def failing(*_):
-        raise ZeroDivisionError("division by zero")
+        raise kind("division by zero")
 
     monkeypatch.setattr(verdict, "judge_all", failing)
     assert main(["check", str(tmp_path)]) == 3
     said = capsys.readouterr().err
-    assert "unforeseen ZeroDivisionError in check.py:" in said
+    assert f"unforeseen {kind.__name__} in check.py:" in said
     assert len(said.splitlines()) == 1
     monkeypatch.setenv("PAM_ORTHOSIS_TRACEBACK", "1")
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(kind):
         main(["check", str(tmp_path)])
 
 

@@ -57,7 +57,7 @@ def _guarded(path: Path, system: System) -> System:
             other = make(*given)
         except OrthosisError:  # of what was given, not of the file
             raise
-        except Exception:
+        except BaseException:
             with _named(path):
                 raise
         return _guarded(path, other)
@@ -75,9 +75,11 @@ def _named(path: Path) -> Iterator[None]:
     """Let whatever fails in a user's file become one line that names the file, and the line in it."""
     try:
         yield
+    except KeyboardInterrupt:  # of who runs it
+        raise
     except OrthosisError as error:
         raise OrthosisError(f"{path}{_line(path, error)}: {error}") from error
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         said = " ".join(str(error).split())[:LONGEST]
         raise OrthosisError(f"{path}{_line(path, error)}: {type(error).__name__}: {said}") from error
 
