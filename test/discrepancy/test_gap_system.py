@@ -188,6 +188,15 @@ MISTAKES = {
     ),
     "factor=1e-3": ("factor=0", "source of position: factor is 0"),
     "import casadi as ca": ("import sys\nsys.exit()", ", line 8: SystemExit"),
+    "SPEEDS = 1e-4": ("class Own(BaseException): ...\nraise Own('base')\nSPEEDS = 1", ", line 12: Own: base"),
+    "-p.level * ca.sin(": ("(_ for _ in ()).throw(GeneratorExit('x')) or (", ", line 41: GeneratorExit: x"),
+    'Channel("position"': ('Channel("time"', "channel 'time': a table has its stamps under this name"),
+    'Input("current"': ('Input("time"', "input 'time': a table has its stamps under this name"),
+    '"A", noise=0.001': ('"A", held="yes"', "input current: held is 'yes'; give True or False"),
+    '[Input("current", "A", noise=0.001)': (
+        '[Input("current", "A", held=None)',
+        "input current: held is None; give True or False",
+    ),
 }
 
 
@@ -203,6 +212,13 @@ def test_a_mistake_in_the_file_is_one_line(right, tmp_path):
     assert str(refused.value).startswith(str(file))
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_who_interrupts_a_file_interrupts_the_verb(tables, tmp_path, capfd):
+    file = tmp_path / "own.py"
+    file.write_text("raise KeyboardInterrupt")
+    assert main(["gap", tables[0], "--system", str(file)]) == 3
+    assert capfd.readouterr().err == "pam-orthosis: interrupted\n"
 
 
 @pytest.mark.parametrize("mass", ["0.0", "1e-320", "1e-290"])
@@ -315,6 +331,7 @@ def test_a_system_by_hand_and_ours_fit_together():
         ({"calibrations": (Calibration("decay", 0.1, "", "", nominal=math.nan),)}, "decay: nan is no"),
         ({"calibrations": ()}, "the parameters are not those of calibrations and effects"),
         ({"inputs": ()}, "1 inputs, not 0"),
+        ({"inputs": ("time",)}, "input 'time': a table has its stamps under this name"),
         ({"limits": {"y": (0.0, 1.0)}}, "limits: 'y' is none of x"),
         ({"input_noise": {"u": float("nan")}}, "noise of u: nan is no finite number"),
         ({"equations": (Equation("all", ("x",), ("x",), {}),)}, "it needs the state x and its gain"),

@@ -22,6 +22,7 @@ from pam_orthosis.discrepancy.systems.implied import (
     parameter_of,
     wrong_parameter,
 )
+from pam_orthosis.discrepancy.systems.soundness import check_free
 from pam_orthosis.discrepancy.systems.system import Calibration, Channel, Equation, Source, System
 from pam_orthosis.discrepancy.systems.tracing import TIME, Traced
 from pam_orthosis.errors import OrthosisError
@@ -241,6 +242,7 @@ class Model:
         return replace(self, present={k: v for k, v in self.present.items() if k != name}).system()
 
     def _check_names(self) -> None:
+        check_free([one.name for one in self.channels], [one.name for one in self.inputs])
         names = [*self.states, *(one.name for one in self.inputs), TIME]
         names += [state for effect in (*self.effects, *self.implied) for state in effect.states]
         groups = {

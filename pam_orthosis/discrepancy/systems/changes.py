@@ -68,8 +68,11 @@ def changed(model: Model, changes: Mapping[str, Any]) -> Model:
 
 
 def check_numbers(model: Model) -> None:
-    """Check the values and tolerances of a model's parameters; OrthosisError: one is no finite number."""
+    """Check a model's values and tolerances, and what inputs hold; OrthosisError: one is no such value."""
     _number("late", model.late)
+    for given in model.inputs:
+        if not isinstance(given.held, bool):
+            raise OrthosisError(f"input {given.name}: held is {shown(given.held)}; give True or False")
     for one in model.parameters:
         _number(f"parameter {one.name}: its value", one.value)
         _number(f"parameter {one.name}: its tolerance, in {one.unit},", one.tolerance)

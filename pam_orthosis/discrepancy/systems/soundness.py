@@ -17,6 +17,8 @@ from pam_orthosis.discrepancy.systems.system import Assembled, Calibration, Chan
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import EQUATIONS, Effect, Quantity
 
+STAMPS = "time"  # as tables have them
+
 
 def check_system(system: System) -> None:
     """Check that a system fits together, with each of its effects alone.
@@ -44,6 +46,7 @@ def check_system(system: System) -> None:
 def _check_signals(system: System) -> None:
     _all(system.channels, Channel, "channels")
     channels = [one.name for one in system.channels]
+    check_free(channels, system.inputs)
     _once("channels and inputs", [*channels, *system.inputs])
     if not channels:
         raise OrthosisError("a system needs one channel at least: nothing is measured")
@@ -67,13 +70,23 @@ def _check_signals(system: System) -> None:
         if not low < high:
             raise OrthosisError(f"limits of {name}: {low} is not below {high}")
     for name, source in system.sources.items():
-        _known("sources", name, (*channels, *system.inputs, "time"))
+        _known("sources", name, (*channels, *system.inputs, STAMPS))
         _finite(f"source of {name}: factor", source.factor)
         _finite(f"source of {name}: offset", source.offset)
         if source.factor == 0:
             raise OrthosisError(f"source of {name}: factor is 0")
         if source.topic:
             check_field(Signal(name, source.topic, source.field, source.joint, "", type=source.type))
+
+
+def check_free(channels: Iterable[str], inputs: Iterable[str]) -> None:
+    """Check that no signal is called as the stamps of a table; OrthosisError: one is."""
+    for what, names in (("channel", channels), ("input", inputs)):
+        if STAMPS in names:
+            raise OrthosisError(
+                f"{what} {STAMPS!r}: a table has its stamps under this name; give it another one (`sources`"
+                " says which column it is)"
+            )
 
 
 def _check_calibrations(system: System) -> None:
