@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.api import (
     Model,
     Parameter,
     Quantity,
+    check_system,
     describe,
     find_gap,
     from_arrays,
@@ -136,16 +137,20 @@ def test_a_late_channel_and_a_wrong_parameter_are_named(late, changed):
     assert _left(outcome, _recording(system, 3, late, **changed)) < 1.1
 
 
-def test_what_a_model_has_under_such_a_name_is_meant_by_it():
+@pytest.mark.parametrize("name", ["wrong_left", "inputs_delay", "force_delay", "x_delay"])
+def test_what_a_model_has_under_such_a_name_is_meant_by_it(name):
     """Its `wrong_left` is no other value of `left`, though both have a `value`."""
     value = Quantity("value", 0.3, "N", 0.0, 10.0, "a pull", 0.0)
     pull = Effect(
-        "wrong_left", "left_force", (value,), lambda s, p, own: Contribution({"left_force": p.value}), "", ""
+        name, "left_force", (value,), lambda s, p, own: Contribution({"left_force": p.value}), "", ""
     )
     system = _system(effects=[pull])
-    assert "wrong_left" not in system.wrong
-    assert system.catalogue["wrong_left"] is pull
-    assert set(system.wrong) == {f"wrong_{name}" for name in NOMINAL} - {"wrong_left"}
+    check_system(system)
+    assert system.catalogue[name] is pull
+    assert set(system.wrong) == {f"wrong_{one}" for one in NOMINAL} - {name}
+    known = system.changed({f"effects.{name}.enabled": True, f"effects.{name}.value": 0.2})
+    assert name not in known.catalogue
+    assert (known.late, known.later, known.aged) == (0.0, {}, {}), "a pull is not late"
 
 
 def test_a_parameter_without_tolerance_or_influence_is_no_candidate():
