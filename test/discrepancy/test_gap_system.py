@@ -230,6 +230,25 @@ def test_an_equation_without_a_finite_value_is_one_line(tables, tmp_path, capfd,
     assert "the dynamics equation gives no finite number from the first sample on" in said
 
 
+@pytest.mark.parametrize(
+    ("expression", "said"),
+    [
+        ("p.level * ca.sqrt(s.position - 99)", ": it is no candidate; check its expression"),
+        ("p.level * ca.sqrt(1 - p.level)", " at typical size; others are tried"),
+    ],
+)
+def test_an_effect_that_gives_no_finite_number_is_not_said_to_be_small(
+    tables, tmp_path, capsys, expression, said
+):
+    text, own = CARRIAGE.read_text(encoding="utf-8"), "-p.level * ca.sin(2 * ca.pi / p.pitch * s.position)"
+    file = tmp_path / "own.py"
+    assert own in text
+    file.write_text(text.replace(own, expression), encoding="utf-8")
+    assert main(["gap", *tables[:2], "--system", str(file), "--until", "check"]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if "cogging" in line]
+    assert lines == [f"in these data the dynamics equation gives no finite number with cogging{said}"]
+
+
 @pytest.mark.parametrize(("number", "share"), [("1e300", 0.0), ("-1e300", 0.2), ("4e12", 0.001)])
 def test_a_number_that_nothing_measures_is_one_line(tables, tmp_path, capfd, number, share):
     head, *rows = Path(tables[0]).read_text(encoding="utf-8").splitlines()

@@ -24,7 +24,7 @@ from pam_orthosis.discrepancy.fitting.measure import Gap
 from pam_orthosis.discrepancy.preparation import beginning, check
 from pam_orthosis.discrepancy.preparation import identifiability as of_data
 from pam_orthosis.discrepancy.preparation.beginning import begin
-from pam_orthosis.discrepancy.preparation.identifiability import Identifiability, identifiability
+from pam_orthosis.discrepancy.preparation.identifiability import Astray, Identifiability, identifiability
 from pam_orthosis.discrepancy.recordings.data import (
     from_arrays,
     from_bag,
@@ -281,6 +281,12 @@ def test_what_cannot_show_without_voltages_is_named(bench, columns, said):
     data = identifiability(start.problem, start.null, 15.0, whole=start.whole, missing=start.missing)
     assert describe_data(data).splitlines()[0] == said
     assert ("valve_lag" in identifiability_as_dict(data)["hidden"]) == bool(start.missing)
+
+
+def test_an_effect_without_a_finite_number_is_said_with_all_its_equations():
+    data = Identifiability({}, (), (), (), astray=(Astray("stray", ("gas", "torque"), True),))
+    assert describe_data(data).startswith("in these data the gas and torque equations give no finite number")
+    assert identifiability_as_dict(data)["astray"] == {"stray": ["gas", "torque"]}
 
 
 def test_the_verb_names_what_cannot_show_without_voltages(bench, tmp_path, capsys):

@@ -108,6 +108,7 @@ def identifiability_as_dict(data: Identifiability) -> dict[str, Any]:
         "together": list(data.together),
         "hidden": list(data.hidden),
         "missing": list(data.missing),
+        "astray": {one.name: list(one.equations) for one in data.astray},
     }
 
 

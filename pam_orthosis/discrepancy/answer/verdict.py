@@ -12,7 +12,7 @@ from pam_orthosis.discrepancy.answer.unknown_words import unknown_words
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.fitting.structure import Where
 from pam_orthosis.discrepancy.preparation.beginning import Beginning
-from pam_orthosis.discrepancy.preparation.identifiability import Identifiability
+from pam_orthosis.discrepancy.preparation.identifiability import Astray, Identifiability
 from pam_orthosis.discrepancy.preparation.mistakes import CHECK
 from pam_orthosis.discrepancy.search.findings import Named, in_all
 from pam_orthosis.discrepancy.systems.system import Channel, System
@@ -31,6 +31,7 @@ def describe_data(data: Identifiability) -> str:
         lines.append(f"these data cannot show{without}: {', '.join(data.hidden)}")
     if data.invisible:
         lines.append(f"these data would not show, at typical size: {', '.join(data.invisible)}")
+    lines += [_endless(one) for one in data.astray]
     for a, b, cosine in data.alike:
         lines.append(f"confounded in these data: {a} and {b} (cosine of their sensitivities {cosine:.2f})")
     if len(data.together) > 1:
@@ -39,6 +40,16 @@ def describe_data(data: Identifiability) -> str:
     if data.experiments:
         lines += _experiment("most useful next experiment", data.experiments[0])
     return "\n".join(lines) or "these data show and separate all effects of the catalogue"
+
+
+def _endless(one: Astray) -> str:
+    """Return that an effect gives no finite number, where, and what becomes of it."""
+    several = len(one.equations) > 1
+    places = f"the {' and '.join(one.equations)} equation{'s' * several} give{'s' * (not several)}"
+    told = f"in these data {places} no finite number with {one.name}"
+    if one.always:
+        return f"{told}: it is no candidate; check its expression"
+    return f"{told} at typical size; others are tried"
 
 
 def _experiment(purpose: str, scenario: str) -> list[str]:

@@ -7,9 +7,9 @@ says whether they can be separated.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,14 @@ LITTLE = 0.1  # information of recordings on a change of parameters over that of
 TAKES_PART = 0.01  # square of a parameter's share in such a change
 
 
+class Astray(NamedTuple):
+    """An effect with which equations give no finite number, at its typical size; `always`: at no size."""
+
+    name: str
+    equations: Names
+    always: bool
+
+
 @dataclass(frozen=True)
 class Identifiability:
     """What recordings can and cannot identify.
@@ -37,6 +45,7 @@ class Identifiability:
         together: parameters of a system of one's own that may change together without a trace.
         hidden: effects that change nothing in the equations that recordings can judge.
         missing: inputs that the other equations need, and that a recording lacks.
+        astray: effects with which recordings give no finite number; these are not `invisible`.
     """
 
     evidence: dict[str, float]
@@ -46,6 +55,7 @@ class Identifiability:
     together: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
+    astray: tuple[Astray, ...] = ()
 
 
 def identifiability(
@@ -66,19 +76,20 @@ def identifiability(
     known = {*model.effects, *whole.wrong}
     names = problem.replay.touching(name for name in problem.system.candidates if name not in known)
     trials = [Trial(projection, name) for name in names]
-    gram = _gram(projection, trials, progress)
+    gram, astray = _gram(projection, trials, progress)
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     evidence = {
         trial.name: float(g**2 - penalty(model, len(trial.free)))
         for trial, g in zip(trials, size, strict=True)
     }
-    invisible = tuple(name for name in names if evidence[name] < threshold)
+    unknown = {one.name for one in astray}
+    invisible = tuple(name for name in names if evidence[name] < threshold and name not in unknown)
     cosine = gram / np.maximum(np.outer(size, size), 1e-300)
     alike = tuple(
         (a, b, float(abs(cosine[i, j])))
         for i, a in enumerate(names)
         for j, b in enumerate(names[:i])
-        if abs(cosine[i, j]) > ALIKE and not {a, b} & set(invisible)
+        if abs(cosine[i, j]) > ALIKE and not {a, b} & {*invisible, *unknown}
     )
     experiments = _experiments(problem.system, invisible, alike)
     hidden = tuple(name for name in whole.candidates if name not in {*names, *known})
@@ -90,6 +101,7 @@ def identifiability(
         together(problem.system, model),
         hidden,
         missing,
+        astray,
     )
 
 
@@ -120,27 +132,40 @@ def untempered(problem: Problem, model: Fit) -> tuple[Problem, Fit]:
     return problem.weighted(dict.fromkeys(problem.weights, 1.0)), replace(model, blocks=blocks)
 
 
-def _gram(projection: Projection, trials: list[Trial], progress: Progress) -> np.ndarray:
-    """Return the inner products of the signatures with the nuisance parameters projected out."""
+def _gram(
+    projection: Projection, trials: list[Trial], progress: Progress
+) -> tuple[np.ndarray, tuple[Astray, ...]]:
+    """Return the inner products of the signatures with the nuisance parameters projected out.
+
+    Beside them the effects of which there is no signature.
+    """
     level = projection.best(*projection.state({}))[1]
     base = projection.base.blocks
     rows = {name: np.zeros((len(trials), len(block.residual))) for name, block in base.items()}
     shared = np.zeros((len(projection.position), len(trials)))
 
-    def seen(trial: Trial) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        residuals = trial.residuals(trial.starts()[0])
-        changes = {n: r - base[n].residual for n, r in residuals.items() if np.isfinite(r).all()}
-        return {name: (change, projection.correlated(name, change)) for name, change in changes.items()}
+    def seen(trial: Trial) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], Astray]:
+        first, *others = trial.starts()
+        residuals = trial.residuals(first)
+        astray = _endless(residuals)
+        changes = {n: r - base[n].residual for n, r in residuals.items() if n not in astray}
+        always = bool(astray) and all(_endless(trial.residuals(one)) for one in others)
+        known = {name: (change, projection.correlated(name, change)) for name, change in changes.items()}
+        return known, Astray(trial.name, astray, always)
 
     replay = projection.problem.replay
     signatures = replay.workers.forked(seen, trials, replay, progress, "computing what these data can show")
-    for i, of_trial in enumerate(signatures):
+    for i, (of_trial, _) in enumerate(signatures):
         for name, (change, correlated) in of_trial.items():
             rows[name][i] = change
             shared[:, i] += correlated
     total: Any = sum(row @ row.T for row in rows.values())
     gram: np.ndarray = total - shared.T @ level.solve(shared)
-    return gram
+    return gram, tuple(one for _, one in signatures if one.equations)
+
+
+def _endless(residuals: Mapping[str, np.ndarray]) -> Names:
+    return tuple(name for name, row in residuals.items() if not np.isfinite(row).all())
 
 
 def _experiments(
