@@ -44,7 +44,7 @@ from pam_orthosis.report import gap as gap_page
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TIME = np.arange(600) * 0.002
-PLAIN = SimpleNamespace(simpler={})  # a model without effects
+PLAIN = SimpleNamespace(simpler={}, input_period="")  # a user's model without effects
 SI = {
     "time": TIME,
     "angle": 0.5 + 0.3 * np.sin(4 * TIME),
@@ -393,6 +393,11 @@ def test_one_pressure_stamped_late_is_found_and_each_recording_has_its_remark(do
     assert skew.seconds == pytest.approx(0.006, abs=0.001)
     told = remarks_on_stamps(system, [stamped_late(one, 0.006, (name,)), other])
     assert f"{one.name}: {name} stamped" in told[0]
+    stated = f"effects.{name}_delay"
+    assert told[0].endswith(f"or state the delay (`{stated}.enabled` and `.delay` in a model file)")
+    known = {f"{stated}.enabled": True, f"{stated}.delay": skew.seconds}
+    nominal = knee(load({"valve.dead_band": 0.0, "valve.delay": 0.0, **known}))
+    assert not skews(nominal, stamped_late(one, 0.006, (name,))), "which is what a user gets who does so"
     assert told[1].startswith(f"{other.name} does not show by itself")
     assert not remarks_on_stamps(system, [stamped_late(one, 0.006, (name,)), other, other])
 
@@ -438,12 +443,32 @@ def test_a_skew_that_shows_by_an_effect_of_the_model_alone_is_none(monkeypatch, 
     assert all("7.0 ms late" in one for one in remarks)
 
 
+@pytest.mark.parametrize(
+    ("signal", "seconds", "stated"),
+    [
+        (
+            "torque",
+            -0.007,
+            ", or state the delay (`effects.angle_delay.enabled` and `.delay` in a model file)",
+        ),
+        ("external_torque", 0.007, ""),
+    ],
+)
+def test_a_remark_on_stamps_says_where_a_machine_states_such_a_delay(monkeypatch, signal, seconds, stated):
+    skew = stamps.Skew("angle", (signal,), seconds, 0.1)
+    monkeypatch.setattr(stamps, "skews", lambda *_: [skew])
+    (remark,) = remarks_on_stamps(knee(load()), [SimpleNamespace(name="x")])
+    assert remark.endswith(f"give all signals one clock{stated}")
+
+
 def test_one_skew_about_the_limit_is_said_of_all_that_show_it_or_of_none(monkeypatch):
     shown = {0: 0.0047, 1: 0.0055}
     found = {name: [stamps.Skew("angle", ("torque",), seconds, 0.1)] for name, seconds in shown.items()}
     monkeypatch.setattr(stamps, "skews", lambda _, one: found.get(one.name, []))
     recordings = [SimpleNamespace(name=number) for number in range(4)]
-    assert [line.split(":")[0] for line in remarks_on_stamps(PLAIN, recordings)[:2]] == ["0", "1"]
+    told = remarks_on_stamps(PLAIN, recordings)
+    assert [line.split(":")[0] for line in told[:2]] == ["0", "1"]
+    assert told[0].endswith("give all signals one clock, or state the delay (`late` of a Model)")
 
 
 @pytest.mark.parametrize(("period", "kept"), [(0.001, False), (0.005, True)])

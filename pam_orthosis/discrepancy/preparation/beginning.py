@@ -104,7 +104,7 @@ def begin(
     replay = replay or Replay(system)
     check_room([*training, *held_out], replay.workers.jobs)
     skews = shared_skews(system, [*training, *held_out], replay.workers)
-    stamps = remarks_on(skews)
+    stamps = remarks_on(system, skews)
     beyond = check.beyond_boxes(system, [*training, *held_out])
     remarks += [*beyond, *check.unread([*training, *held_out]), *stamps]
     whole, missing = system, check.missing_inputs(system, [*training, *held_out])

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from types import SimpleNamespace
 from typing import NamedTuple, TypeAlias
 
 import casadi as ca
@@ -101,10 +102,10 @@ def remarks_on_stamps(
     system: System, recordings: Sequence[Recording], workers: Workers | None = None
 ) -> list[str]:
     """Return remarks on signals that are stamped late or early against a coordinate."""
-    return remarks_on(shared_skews(system, recordings, workers))
+    return remarks_on(system, shared_skews(system, recordings, workers))
 
 
-def remarks_on(found: Found) -> list[str]:
+def remarks_on(system: System, found: Found) -> list[str]:
     """Return remarks on skews: one on each recording, if one has any."""
     if not any(many for _, many in found):
         return []
@@ -112,10 +113,26 @@ def remarks_on(found: Found) -> list[str]:
     return [
         f"{one.name}: {' and '.join(skew.signals)} stamped {1e3 * abs(skew.seconds):.1f} ms"
         f" {'late' if skew.seconds > 0 else 'early'} against {skew.channel}, or a sensor lags as much; give"
-        " all signals one clock, or state the delay (`late` of a Model)"
+        f" all signals one clock{_or_stated(system, skew)}"
         for one, many in found
         for skew in many
     ] + [f"{one.name} {unclear}" for one, many in found if not many]
+
+
+def _or_stated(system: System, skew: Skew) -> str:
+    """Return where a system can have the delay; empty if it cannot."""
+    if not system.input_period:  # no machine: a user wrote it
+        return ", or state the delay (`late` of a Model)"
+    late = skew.signals if skew.seconds > 0 else (skew.channel,)
+    delays = {
+        channel: f"`{system.branch}.{name}.enabled` and `.delay`"
+        for name, one in system.bare().catalogue.items()
+        if one.advance is not None
+        for channel in one.advance(SimpleNamespace(**{q.name: q.typical for q in one.parameters}))
+    }
+    if not set(late) <= set(delays):
+        return ""
+    return f", or state the delay ({', '.join(delays[name] for name in late)} in a model file)"
 
 
 def _is_shared(skew: Skew, every: Sequence[Sequence[Skew]]) -> bool:
