@@ -247,7 +247,7 @@ def test_a_long_gap_cuts_and_the_longest_part_is_used():
     time = 0.002 * np.concatenate([np.arange(300), np.arange(400, 1000)])
     found = even("x", time, {"angle": time}, [])
     assert (len(found.signals["angle"]), found.start) == (600, pytest.approx(0.8))
-    assert "missing after 0.598 s" in found.remarks[0]
+    assert "missing after 0.598 s, more than 5: of 2 parts the longest, 600 of" in found.remarks[0]
 
 
 @pytest.mark.parametrize(("size", "kept"), [(0.02, 1000), (1.0, 699)])
@@ -258,7 +258,16 @@ def test_rows_in_which_an_input_leaps_are_no_bridge(size, kept):
     found = even("x", 0.002 * left, {"angle": left, "volts": volts[left]}, ["volts"])
     assert len(found.signals["angle"]) == kept
     assert found.start == pytest.approx(0.0 if kept == 1000 else 0.602)
-    assert ("after 0.596 s, more than 5 or while an input leaps" in found.remarks[0]) == (kept < 1000)
+    assert ("after 0.596 s, while volts leaps: of 2 parts" in found.remarks[0]) == (kept < 1000)
+
+
+def test_of_gaps_that_cut_each_has_its_reason():
+    rows = np.arange(1000)
+    volts = np.where((rows < 300) | (rows > 800), 0.0, 1.0)
+    left = np.delete(rows, [*range(100, 110), 299, 300, *range(797, 805), *range(900, 910)])
+    found = even("x", 0.002 * left, {"angle": left, "volts": volts[left]}, ["volts"])
+    said = "after 0.198, 1.592, 1.798 s, more than 5, and after 0.596 s, while volts leaps: of 5 parts the"
+    assert said in found.remarks[0]
 
 
 def test_uniform_stamps_change_nothing():

@@ -5,7 +5,7 @@ Rows in which an input leaps cannot be bridged: nothing says when it did, and pr
 """
 
 import itertools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from pam_orthosis.errors import OrthosisError
 UNIFORM = 0.01  # of the period: stamps nearer to it are uniform
 ON_GRID = 0.2  # of the period: rows are missing between stamps that are this near to whole periods
 MOST_BRIDGED = 5  # rows in succession; a longer gap cuts
+MOST_TOLD = 3  # gaps of one kind
 MOST_MISSING = 0.05  # of all rows
 MOST_EMPTY = 0.5  # of all rows, with an empty cell
 LEAP = 0.1, 3.0  # of an input's range, of what all but a hundredth of its steps stay below
@@ -59,8 +60,8 @@ def even(name: str, time: np.ndarray, signals: Signals, held: Collection[str]) -
     steps = np.diff(time)
     if (np.abs(steps - period) <= UNIFORM * period).all():
         return Even(float((time[-1] - time[0]) / len(steps)), signals, 0.0, lost)
-    holes = _long_holes(steps / period, [signals[key] for key in held if key in signals])
-    first, last, words = _longest(time, np.flatnonzero(holes) + 1)
+    holes = _long_holes(steps / period, {key: signals[key] for key in held if key in signals})
+    first, last, words = _longest(time, holes)
     part = {key: values[first:last] for key, values in signals.items()}
     whole, more = _filled(name, time[first:last], part, held, period)
     return Even(whole.period, whole.signals, float(time[first] - time[0]), (*lost, *words, *more))
@@ -82,30 +83,37 @@ def _complete(name: str, time: np.ndarray, signals: Signals) -> tuple[np.ndarray
     return time[~rows], {key: values[~rows] for key, values in signals.items()}, (f"{words}: missing rows",)
 
 
-def _long_holes(steps: np.ndarray, inputs: Sequence[np.ndarray]) -> np.ndarray:
-    """Return which steps (n,), in periods, are no bridge: too long, or an input leaps meanwhile."""
+def _long_holes(steps: np.ndarray, inputs: Signals) -> dict[int, str]:
+    """Return which steps (n,), in periods, are no bridge, and why: too long, or an input leaps meanwhile."""
     whole = np.round(steps)
     missing = (whole > 1) & (np.abs(steps - whole) <= ON_GRID)
-    long: np.ndarray = steps > MOST_BRIDGED + 1.5
-    for values in inputs:
+    long = np.flatnonzero(steps > MOST_BRIDGED + 1.5)
+    found = dict.fromkeys(long.tolist(), f"more than {MOST_BRIDGED}")
+    for name, values in inputs.items():
         moved = np.abs(np.diff(values))
-        long |= missing & (moved > max(LEAP[0] * np.ptp(values), LEAP[1] * np.quantile(moved, 0.99)))
-    return long
+        leaps = missing & (moved > max(LEAP[0] * np.ptp(values), LEAP[1] * np.quantile(moved, 0.99)))
+        for at in np.flatnonzero(leaps).tolist():
+            found.setdefault(at, f"while {name} leaps")
+    return dict(sorted(found.items()))
 
 
-def _longest(time: np.ndarray, cuts: np.ndarray) -> tuple[int, int, list[str]]:
-    """Return the longest part between cuts, and what was left out."""
-    ends = [0, *cuts.tolist(), len(time)]
+def _longest(time: np.ndarray, holes: Mapping[int, str]) -> tuple[int, int, list[str]]:
+    """Return the longest part between steps that are cut, and what was left out."""
+    ends = [0, *(at + 1 for at in holes), len(time)]
     parts = list(itertools.pairwise(ends))
     first, last = max(parts, key=lambda part: part[1] - part[0])
     if len(parts) == 1:
         return first, last, []
-    gaps = ", ".join(f"{time[at - 1]:.3f}" for at in cuts[:3].tolist())
-    later = " and later" if len(cuts) > 3 else ""
+    by_reason: dict[str, list[str]] = {}
+    for at, why in holes.items():
+        by_reason.setdefault(why, []).append(f"{time[at]:.3f}")
+    gaps = ", and ".join(
+        f"after {', '.join(times[:MOST_TOLD])} s{' and later' * (len(times) > MOST_TOLD)}, {why}"
+        for why, times in by_reason.items()
+    )
     remarks = (
-        f"rows are missing after {gaps} s{later}, more than {MOST_BRIDGED} or while an input leaps: of"
-        f" {len(parts)} parts the longest, {last - first} of {len(time)} rows, is used; give the others as"
-        " recordings of their own"
+        f"rows are missing {gaps}: of {len(parts)} parts the longest, {last - first} of {len(time)} rows, is"
+        " used; give the others as recordings of their own"
     )
     return first, last, [remarks]
 
