@@ -164,10 +164,10 @@ def test_pushes_at_instants_of_their_own_are_events(bench, reported):
     assert [event.time for event in found.events] == pytest.approx([4.0, 7.3, 10.1], abs=0.1)
     assert [event.size for event in found.events] == pytest.approx([1.5] * 3, rel=0.35)
     (line,) = unknown_words(bench.system, found)
-    assert "of nothing that was measured; pushes at 4.0 s (+1." in line
+    assert "of nothing that was measured; pushes in run 3 at 4.0 s (+1." in line
     assert " N m for 0." in line
     assert {event.channel for event in found.events} == {"angle"}
-    assert short(bench.system, found) == "3 pushes (4.0 s, 7.3 s, 10.1 s)"
+    assert short(bench.system, found) == "3 pushes (in run 3 at 4.0 s, 7.3 s, 10.1 s)"
     bare = replace(found, events=())
     assert unknown_words(bench.system, bare)[0].endswith(
         "depends on nothing that was measured, alone (curves of up to 20 points were tried)"
@@ -182,7 +182,19 @@ def test_a_push_has_the_unit_of_its_channel():
     equation = Equation("both", ("place", "gas"), ("place", "gas"), {})
     system = System("two", channels, (), {}, (equation,), (), {}, lambda effects: None)
     (line,) = unknown_words(system, Unknown("both", (), (Event("run", "gas", 3.1, 200.0, 0.2),)))
-    assert line.endswith("pushes at 3.1 s (+2e+02 Pa/s of gas for 0.2 s)")
+    assert line.endswith("pushes in run at 3.1 s (+2e+02 Pa/s of gas for 0.2 s)")
+
+
+def test_pushes_are_said_to_be_in_their_recordings():
+    channel, equation = Channel("gas", "gas", "Pa", "Pa", 1.0), Equation("all", ("gas",), ("gas",), {})
+    system = System("one", (channel,), (), {}, (equation,), (), {}, lambda effects: None)
+    places = (("first", 3.1), ("first", 5.0), ("second", 1.2), ("first", 7.0), ("second", 9.0))
+    found = Unknown("all", (), [Event(name, "gas", time, 200.0, 0.2) for name, time in places])
+    told = "5 pushes (in first at 3.1 s, 5.0 s, 7.0 s; in second at 1.2 s and 1 more)"
+    assert short(system, found) == told
+    size = " (+2e+02 Pa/s for 0.2 s)"
+    said = f"pushes in first at 3.1 s{size}, 5.0 s{size}, 7.0 s{size}; in second at 1.2 s{size}"
+    assert unknown_words(system, found)[0].endswith(said)
 
 
 def test_a_model_file_carries_a_description(bench, reported, tmp_path):

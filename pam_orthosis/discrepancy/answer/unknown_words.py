@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is left, in words and as the contract of `gap.json`."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,17 @@ def short(system: System, unknown: Unknown) -> str:
     """Return what is unknown, in a few words."""
     if unknown.descriptions:
         return " and ".join(_short(system, one) for one in unknown.descriptions)
-    times = [f"{event.time:.1f} s" for event in unknown.events[:MOST_EVENTS]]
-    more = len(unknown.events) - len(times)
-    return f"{len(unknown.events)} pushes ({', '.join(times)}" + (f" and {more} more)" if more > 0 else ")")
+    more = len(unknown.events) - MOST_EVENTS
+    times = _by_recording(unknown, lambda event: f"{event.time:.1f} s")
+    return f"{len(unknown.events)} pushes ({times}" + (f" and {more} more)" if more > 0 else ")")
+
+
+def _by_recording(unknown: Unknown, told: Callable[[Event], str]) -> str:
+    """Return the first events in words, and in which recordings they are: each has a clock of its own."""
+    found: dict[str, list[str]] = {}
+    for event in unknown.events[:MOST_EVENTS]:
+        found.setdefault(event.recording, []).append(told(event))
+    return "; ".join(f"in {name} at {', '.join(many)}" for name, many in found.items())
 
 
 def _short(system: System, one: Description) -> str:
@@ -49,8 +58,8 @@ def unknown_words(
     if unknown.events:
         (equation,) = (one for one in system.equations if one.name == unknown.equation)
         several = len(equation.channels) > 1
-        pushes = ", ".join(_push(system, event, several) for event in unknown.events[:MOST_EVENTS])
-        return [f"unknown {where}: of nothing that was measured; pushes at {pushes}"]
+        pushes = _by_recording(unknown, lambda event: _push(system, event, several))
+        return [f"unknown {where}: of nothing that was measured; pushes {pushes}"]
     if (shares or {}).get("time", 0.0) >= DRIFTING:
         return [f"unknown {where}: it changes with time: a sensor's zero that drifts, what wears or warms?"]
     tried = f"curves of up to {knots_of(system)[-1]} points were tried"
