@@ -88,7 +88,9 @@ class Model:
             the signals by attribute, and assigns further ones: `s.force = p.gain * s.current`.
         parameters: read by attribute too.
         effects: that may be missing. `stage` names the signal at whose assignment an effect enters. Its
-            expression returns what it adds to this signal, or a `Contribution`: to this one and later ones.
+            expression gets the signals so far, its own parameters, and a tuple of its own states. It returns
+            what it adds to this signal, or a `Contribution`: to this one and later ones, and the rates of
+            its states.
         parts: equation -> its channels, if the model is to be replayed in several parts, each driven by what
             is recorded of the others; else all is one equation, `dynamics`.
         gains: channel -> observer gains, 1/s (and 1/s^2 for its rate), if those of `gap.replay` do not suit.

@@ -93,8 +93,8 @@ class Effect:
         name: key in the configuration.
         stage: the stage of the model that it enters, one of `STAGES`.
         parameters: its parameters.
-        expression: (signals, parameter values, own states) -> Contribution. The signals are those of one
-            actuator where the effect is of actuators, else those of the machine.
+        expression: (signals, own parameters, tuple of own states) -> Contribution. The signals are those
+            of one actuator where the effect is of actuators, else those of the machine.
         physics: one paragraph on the phenomenon.
         source: where equation and magnitudes come from.
         of: `actuator` or `muscle`: each has an instance of its own, in whose texts its name stands for
