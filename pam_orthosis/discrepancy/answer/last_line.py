@@ -145,7 +145,8 @@ def _described(outcome: Outcome, names: str) -> str:
     if outcome.unknown is None:
         return names
     what, equation = short(outcome.system, outcome.unknown), outcome.unknown.equation
-    left = f"leaves {outcome.left_unknown:.1f} times the noise in the {equation} equation"
+    before = f"{outcome.kept[equation]:.1f} without it"
+    left = f"leaves {outcome.left_unknown:.1f} times the noise in the {equation} equation ({before})"
     return f"{names + ', and ' if names else ''}{what}; a description, no cause, which {left}"
 
 

@@ -20,6 +20,7 @@ from pam_orthosis.progress import silent
 
 ROUNDS = 4  # of fits in the model that has the curves of the last one
 MORE = 0.003  # of the held-out gap: what a round has to remove
+SEEN = 0.01  # squares over those of the noise: the same, where the gap is large
 
 
 class _Bent(NamedTuple):
@@ -42,10 +43,12 @@ def standing(start: Beginning, outcome: Outcome) -> Outcome | None:
         return outcome
     if (now := _bent(start, outcome)) is None:
         return None
+    over = outcome.kept[outcome.unknown.equation] ** 2 - 1
+    more = min(MORE, SEEN / max(over, 1e-12))
     for _ in range(ROUNDS):
         other = _refitted(outcome, now)
         further = _bent(start, other)
-        if further is None or further.reduced < now.reduced + MORE:
+        if further is None or further.reduced < now.reduced + more:
             break
         outcome, now = other, further
     return _removing(outcome, now) if now.reduced >= LEAST_REDUCED else None

@@ -15,6 +15,7 @@ from pam_orthosis.discrepancy.unknown.unknown import Unknown
 
 MOST_EVENTS = 4  # in one line
 FEWEST_DIGITS = 3  # of a curve's amplitude
+ALL = 0.99  # of a gap
 LARGER = 1.5  # half the range of a curve over that of its shape, which is worth a word
 DRIFTING = 0.5  # of the gap, that time explains
 
@@ -62,8 +63,11 @@ def unknown_words(
         return [f"unknown {where}: of nothing that was measured; pushes {pushes}"]
     if (shares or {}).get("time", 0.0) >= DRIFTING:
         return [f"unknown {where}: it changes with time: a sensor's zero that drifts, what wears or warms?"]
-    tried = f"curves of up to {knots_of(system)[-1]} points were tried"
-    return [f"unknown {where}: it depends on nothing that was measured, alone ({tried})"]
+    tried = f"up to {knots_of(system)[-1]} points were tried"
+    return [
+        f"unknown {where}: no curve over one measured signal, added to the equation, removes half of the"
+        f" held-out gap ({tried}); an error of a sensor that depends on a signal was not tried"
+    ]
 
 
 def _push(system: System, event: Event, named: bool) -> str:
@@ -73,14 +77,15 @@ def _push(system: System, event: Event, named: bool) -> str:
 
 def _words(system: System, one: Description, where: str, carried: bool) -> list[str]:
     if one.is_constant:
-        return [f"unknown {where}: {_short(system, one)}; removes {one.reduced:.0%} of the held-out gap"]
+        return [f"unknown {where}: {_short(system, one)}; {_removes(one)}"]
     _, low, high = one.amplitude
     shown = digits(low, high, FEWEST_DIGITS)
     ends = " and ".join(_with_unit(system, one, end) for end in (one.places[0], one.places[-1]))
+    size = "half its range" if one.period is None else "amplitude"
     next_best = "" if one.runner_up is None else f" (next: {one.runner_up[0]}, {one.runner_up[1]:.0%})"
     return [
-        f"unknown {where}: {_short(system, one)}, amplitude {low:.{shown}g} .. {high:.{shown}g} {one.unit}"
-        f" between {ends}{_with_parabola(one)}; removes {one.reduced:.0%} of the held-out gap{next_best}",
+        f"unknown {where}: {_short(system, one)}, {size} {low:.{shown}g} .. {high:.{shown}g} {one.unit}"
+        f" between {ends}{_with_parabola(one)}; {_removes(one)}{next_best}",
         *resemblance(one),
         *(_carried(system, one) if carried else ()),
     ]
@@ -93,11 +98,18 @@ def resemblance(one: Description) -> list[str]:
     )
 
 
+def _removes(one: Description) -> str:
+    """Return how much of the gap goes: of the squares, of which little is still many times the noise."""
+    share = f"{one.reduced:.0%}" if one.reduced < ALL else f"more than {ALL:.0%}"
+    return f"removes {share} of the squares of the held-out gap"
+
+
 def _with_parabola(one: Description) -> str:
     """Return how large a curve is with the parabola that other parameters may do as well, if it is larger."""
     whole = 0.5 * float(np.ptp(one.values))
     larger = whole > LARGER * one.amplitude[0]
-    return f" ({whole:.3g} {one.unit} with a parabola, which other parameters may do too)" if larger else ""
+    words = f" ({whole:.3g} {one.unit} with a parabola that may be due to the model's parameters instead)"
+    return words if larger else ""
 
 
 def _carried(system: System, one: Description) -> list[str]:

@@ -15,6 +15,7 @@ from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.search.confirmation import LEAST_T, block_sums, t_value
 from pam_orthosis.discrepancy.systems.system import Entry, Equation, System
 from pam_orthosis.discrepancy.unknown.injection import Injection, injection
+from pam_orthosis.discrepancy.unknown.waves import wave_basis, wave_slope
 
 KNOTS = (8, 20)  # of a curve: as few as held-out recordings allow
 MORE_KNOTS = 60  # of one that a model of a user's own can hold
@@ -32,12 +33,20 @@ Term: TypeAlias = tuple[tuple[str, Entry, str], ...]  # curves of a channel: eac
 
 
 class Spline(NamedTuple):
-    """A linear spline over a signal, and where it enters."""
+    """A linear spline over a signal, and where it enters.
+
+    `period`: after which it repeats, in the signal's unit, if that is known; `harmonics`: that it may have
+    then, as values at its knots, which are as many as all of the signal needs; none: it is free. `factors`:
+    of such a wave that a model has, whose period is fitted too.
+    """
 
     channel: str
     entry: Entry
     signal: str
     knots: int
+    period: float = 0.0
+    harmonics: int = 0
+    factors: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,7 +102,7 @@ class CurveFit:
         self._knots = knots_of(problem.system)
         squares = self._without.left[1]
         over = float(squares @ squares) / len(squares) - 1
-        self._simpler = min(SIMPLER, VISIBLE / over) if over > 0 else SIMPLER
+        self.simpler = min(SIMPLER, VISIBLE / over) if over > 0 else SIMPLER
 
     def _linearise(self, group: Problem, one: Scored) -> None:
         for channel in self._equation.channels:
@@ -112,7 +121,7 @@ class CurveFit:
             splines = tuple(Spline(*place, knots) for place in term)
             shares.append((self.reduced(self.fit((*fixed, *splines))), splines))
         most = max(share for share, _ in shares)
-        return next(one for one in shares if one[0] > most - self._simpler)
+        return next(one for one in shares if one[0] > most - self.simpler)
 
     def reduced(self, found: Fitted) -> float:
         """Return the share of the held-out squares above the noise that splines remove.
@@ -139,11 +148,27 @@ class CurveFit:
     def curve(self, found: Fitted, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the knots of a spline, its values there, and their covariance."""
         spline, able = found.splines[index], found.able[index]
-        first = len(self._weight) + sum(one.knots for one in found.splines[:index])
-        own = slice(first, first + spline.knots)
+        first = len(self._weight) + sum(one.shape[1] for one in found.able[:index])
+        own = slice(first, first + able.shape[1])
         scale = self._size[spline.channel, spline.entry]
-        values, spread = able @ found.step[own], able @ found.covariance[own, own] @ able.T
-        return np.linspace(*self._ends(spline.signal), spline.knots), scale * values, scale**2 * spread
+        values, spread = able @ found.step[own], able @ self._spread(found)[own, own] @ able.T
+        return self._places(spline), scale * values, scale**2 * spread
+
+    def _spread(self, found: Fitted) -> np.ndarray:
+        """Return the covariance of a fit, as wide as what it leaves, and blocks of time that disagree, ask.
+
+        What is left may be no noise, but an error of the form.
+        """
+        slopes, place = self._slopes[0]
+        columns, left = self._columns(0, found.splines, found.able), found.left[0]
+        rows = np.zeros((len(found.step), len(left)))
+        rows[place], rows[len(self._weight) :] = slopes, columns.T
+        sums = [block_sums(self._groups[0], self._equation, row * left) for row in rows]
+        moved = np.sum((found.covariance @ np.array(sums)) ** 2, axis=1)
+        times = moved / np.maximum(np.diag(found.covariance), 1e-300)
+        wider = np.sqrt(np.maximum(times, max(1.0, float(left @ left) / max(len(left) - len(rows), 1))))
+        spread: np.ndarray = found.covariance * np.outer(wider, wider)
+        return spread
 
     def moved(self, found: Fitted) -> dict[str, float]:
         """Return the model's free parameters where a fit has them, inside their bounds."""
@@ -177,7 +202,7 @@ class CurveFit:
         return {rate for rate, of in system.derived.items() if of == system.channel(channel).state}
 
     def _fitted(self, splines: tuple[Spline, ...], flat: Sequence[bool]) -> Fitted:
-        able = tuple(_able(one.knots, no) for one, no in zip(splines, flat, strict=True))
+        able = tuple(self._able(one, no) for one, no in zip(splines, flat, strict=True))
         (slopes, place), count = self._slopes[0], len(self._weight)
         columns = [self._columns(of, splines, able) for of in range(2)]
         knots = columns[0].shape[1]
@@ -206,7 +231,7 @@ class CurveFit:
         size, rows = self._size[channel, entry], []
         for one in group.scored:
             signal = self._signals[one.run.serial][spline.signal]
-            parts = size * np.column_stack(hats(signal, *self._ends(spline.signal), spline.knots)) @ able
+            parts = size * np.column_stack(hats(signal, *self.ends(spline), spline.knots)) @ able
             acting = parts * self._levers[one.run.serial, channel, entry][:, None]
             changed = self._linear[one.run.serial, channel].response(acting)
             for other in self._equation.channels:
@@ -214,11 +239,25 @@ class CurveFit:
                 rows.append(one.white(other, -changed[channel] * 0.0 if felt is None else -felt))
         return np.vstack(rows)
 
-    def _ends(self, name: str) -> tuple[float, float]:
-        training = self._groups[0].scored
-        values = np.concatenate([self._signals[one.run.serial][name][one.warm_up :] for one in training])
-        low, high = np.quantile(values, ENDS)
+    def ends(self, spline: Spline) -> tuple[float, float]:
+        """Return the first and the last knot of a spline: what repeats goes on where little was fitted."""
+        repeats = spline.harmonics > 0
+        seen = [one for group in self._groups[: 1 + repeats] for one in group.scored]
+        values = np.concatenate([self._signals[one.run.serial][spline.signal][one.warm_up :] for one in seen])
+        low, high = np.quantile(values, (0.0, 1.0) if repeats else ENDS)
         return float(low), float(high)
+
+    def _places(self, spline: Spline) -> np.ndarray:
+        return np.linspace(*self.ends(spline), spline.knots)
+
+    def _able(self, spline: Spline, flat: bool) -> np.ndarray:
+        if spline.harmonics:
+            basis = wave_basis(self._places(spline), spline.period, spline.harmonics)
+            known = np.array(spline.factors)
+            slope = wave_slope(self._places(spline), spline.period, known)
+            return np.hstack([basis, slope]) if len(known) else basis
+        knots = spline.knots
+        return without_parabola(np.linspace(0.0, 1.0, knots), np.ones(knots)) if flat else np.eye(knots)
 
     def _size_of(self, channel: str, entry: Entry) -> float:
         """Return the size of the unknown, root mean square, in the training recordings."""
@@ -230,10 +269,6 @@ class CurveFit:
             missing.append(np.mean(linear.added(raw, SLOW)[one.warm_up :] ** 2))
             levers.append(np.mean(self._levers[one.run.serial, channel, entry][one.warm_up :] ** 2))
         return float(np.sqrt(np.mean(missing) / max(float(np.mean(levers)), 1e-300)))
-
-
-def _able(knots: int, flat: bool) -> np.ndarray:
-    return without_parabola(np.linspace(0.0, 1.0, knots), np.ones(knots)) if flat else np.eye(knots)
 
 
 def lever(

@@ -7,7 +7,7 @@ recordings fit it; the signal whose curve reduces the held-out gap most is given
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import permutations
@@ -29,7 +29,15 @@ from pam_orthosis.discrepancy.unknown.curve_fit import (
     Term,
     without_parabola,
 )
-from pam_orthosis.discrepancy.unknown.waves import wave_amplitude, wave_period
+from pam_orthosis.discrepancy.unknown.periodic import MOST_KNOTS, MOST_OF_FEW, best_placed, repeating
+from pam_orthosis.discrepancy.unknown.waves import (
+    wave_amplitude,
+    wave_basis,
+    wave_moved,
+    wave_of,
+    wave_period,
+    wave_swing,
+)
 
 LEAST_REDUCED = 0.5  # share of the held-out gap that descriptions of an equation remove, at least
 LEAST_ADDED = 0.2  # of that gap: what one of several removes
@@ -55,6 +63,7 @@ class Description:
             remove together, a part by what each channel's add, shared equally by two of a channel.
         runner_up: the next best signal, or two, and the share.
         period: of the curve, in the signal's unit, if it is a wave.
+        harmonics: of a wave that is the same in each period; none: a curve of free values.
         level: the mean that is left to recalibration.
         shape_of: the textbook effect that has its shape, if one has.
         beside: the model's free parameters, as they were fitted with it.
@@ -73,6 +82,7 @@ class Description:
     level: float = 0.0
     shape_of: str | None = None
     beside: Values = field(default_factory=dict)
+    harmonics: int = 0
 
     @property
     def is_constant(self) -> bool:
@@ -87,6 +97,9 @@ class Description:
     @property
     def amplitude(self) -> tuple[float, float, float]:
         """Half the range of the shape, or the amplitude of the wave that it is, with its 95 % interval."""
+        if self.harmonics and self.period is not None:
+            wave = self.places, self.shape, self.covariance, self.period, self.harmonics
+            return _with_interval(*wave_swing(*wave))
         if self.period is not None:
             return _with_interval(*wave_amplitude(self.places, self.shape, self.covariance, self.period))
         sure = self.spread <= UNSURE * np.median(self.spread)
@@ -133,7 +146,9 @@ def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) 
         open_.remove(channel)
     for channel in chosen if len(chosen) > 1 else ():  # the first was chosen without the others
         chosen[channel] = best([channel])
-    return tuple(_compared(system, one) for one in _descriptions(curves, chosen.values()))
+    return tuple(
+        _compared(system, one) for one in _descriptions(curves, _repeating(curves, system, chosen, open_))
+    )
 
 
 def refitted(
@@ -152,16 +167,46 @@ def _spline(system: System, one: Description) -> Spline:
     """Return the spline of a description in a system that may hold its curve already."""
     entries = {(entry.name, entry.parameter): entry for entry in system.entries_of(one.channel)}
     entry = entries[one.entry.name, one.entry.parameter]
-    return Spline(one.channel, entry, one.coordinate, len(one.places))
+    spline = Spline(one.channel, entry, one.coordinate, len(one.places), one.period or 0.0)
+    if not one.harmonics or one.period is None:
+        return spline
+    basis = wave_basis(one.places, one.period, one.harmonics)
+    factors = np.linalg.lstsq(basis, one.values + one.level, rcond=None)[0]
+    return spline._replace(harmonics=one.harmonics, factors=tuple(factors.tolist()))
 
 
 def _changed(curves: CurveFit, found: Fitted, index: int, one: Description) -> Description:
     places, change, covariance = curves.curve(found, index)
-    values, own = one.values + one.level + change, curves.is_own(found.splines[index])
-    values, shape, covariance, period, level = _parts(places, values, covariance, own)
+    values, spline = one.values + one.level + change, found.splines[index]
+    if spline.harmonics:
+        values, moved = wave_moved(places, spline.period, np.array(spline.factors), change)
+        spline = spline._replace(period=moved)
+    own = curves.is_own(spline)
+    values, shape, covariance, period, level = _parts(places, values, covariance, own, spline)
+    covariance = covariance + np.outer(shape - one.shape, shape - one.shape)  # it may move as far again
     return replace(
         one, values=values, shape=shape, covariance=covariance, period=period, level=level, shape_of=None
     )
+
+
+def _repeating(
+    curves: CurveFit, system: System, chosen: Mapping[str, _Chosen], free: Sequence[str]
+) -> list[_Chosen]:
+    """Return what was chosen with waves in place of curves that repeat; one alone in the best channel."""
+    most, found = MOST_OF_FEW if system.changed is None else MOST_KNOTS, list(chosen.values())
+    for k, one in enumerate(found):
+        if len(one.splines) > 1:
+            continue
+        fixed, spline = _splines((*found[:k], *found[k + 1 :])), one.splines[0]
+        before = curves.reduced(curves.fit((*fixed, spline)))
+        wave = repeating(curves, fixed, spline, most)
+        if wave is None:
+            continue
+        if wave.spline.harmonics and len(found) == 1:
+            places = [(name, entry) for name in (spline.channel, *free) for entry in system.entries_of(name)]
+            wave = best_placed(curves, fixed, wave, places)
+        found[k] = one._replace(splines=(wave.spline,), share=one.share + wave.share - before)
+    return found
 
 
 class _Chosen(NamedTuple):
@@ -234,21 +279,25 @@ def _description(
 ) -> Description:
     spline = found.splines[index]
     places, values, covariance = curves.curve(found, index)
-    parts = _parts(places, values, covariance, curves.is_own(spline))
+    parts = _parts(places, values, covariance, curves.is_own(spline), spline)
     return Description(
         spline.channel, spline.entry, spline.signal, places, *parts[:3], share, runner_up, *parts[3:],
-        beside=curves.moved(found),
+        beside=curves.moved(found), harmonics=spline.harmonics,
     )  # fmt: skip
 
 
 def _parts(
-    places: np.ndarray, values: np.ndarray, covariance: np.ndarray, own: bool
+    places: np.ndarray, values: np.ndarray, covariance: np.ndarray, own: bool, spline: Spline
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float | None, float]:
     """Return values, shape, its covariance, period and level of a curve, that of an own signal or another."""
+    if spline.harmonics:
+        mean, wave = wave_of(places, spline.period, spline.harmonics)
+        level = 0.0 if own else float(mean @ values)
+        return values - level, wave @ values, wave @ covariance @ wave.T, spline.period, level
     weight = 1 / np.maximum(np.diag(covariance), 1e-300)
     certain = without_parabola(places, weight) if own else np.eye(len(places)) - weight / weight.sum()
     shape, covariance = certain @ values, certain @ covariance @ certain.T
-    period = wave_period(places, shape, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    period = spline.period or wave_period(places, shape, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     if own:
         return values, shape, covariance, period, 0.0
     return shape, shape, covariance, period, float((values - shape)[0])

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A curve that repeats over a signal is told with its period and the size of its wave."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pam_orthosis.discrepancy.systems.system import Entry
+from pam_orthosis.discrepancy.unknown import curve_fit, description, periodic, waves
+
+ENTRY, SIZE, NOISE = Entry("rad/s^2"), 24.6, 0.08
+ENDS = 3.1  # rad
+
+
+def sine(angle):
+    return np.sin(angle)
+
+
+def triangle(angle):
+    return 2 / np.pi * np.arcsin(np.sin(angle))
+
+
+def skew(angle):
+    return np.sin(angle) + 0.4 * np.sin(2 * angle + 1.0)
+
+
+def curves(monkeypatch, unknown, noise=NOISE):
+    """Return fits of curves over an angle to two recordings of an unknown of it, which is seen as it is."""
+    draw = np.random.default_rng(3)
+    one = object.__new__(curve_fit.CurveFit)
+    groups = []
+    for _ in range(2):
+        angle = np.clip(draw.normal(0.0, 1.0, 12000), -ENDS, ENDS)
+        run = SimpleNamespace(serial=len(groups), period=0.002)
+        groups.append(SimpleNamespace(scored=[SimpleNamespace(run=run, warm_up=0, samples=12000)]))
+        groups[-1].signal = angle
+    one._groups, one._equation = tuple(groups), None
+    one._signals = {k: {"angle": group.signal} for k, group in enumerate(groups)}
+    one._weight = one._deviation = np.zeros(0)
+    one._slopes = [(np.zeros((0, 12000)), np.zeros(0, int))] * 2
+    one._residuals = [-(unknown(g.signal) + noise * draw.standard_normal(12000)) / noise for g in groups]
+    one._size = {("angle", ENTRY): 1.0}
+    one._model = SimpleNamespace(free=(), values={})
+    one._knots, one.simpler = (8, 20, 60), 1e-4
+    monkeypatch.setattr(one, "_rates", lambda channel: set())
+
+    def column(group, spline, able):
+        return np.column_stack(curve_fit.hats(group.signal, *one.ends(spline), spline.knots)) @ able / noise
+
+    def blocks(group, equation, values):
+        return values.reshape(-1, 500).sum(axis=1)
+
+    monkeypatch.setattr(one, "_column", column)
+    monkeypatch.setattr(curve_fit, "block_sums", blocks)
+    one._without = one.fit(())
+    return one
+
+
+def told(one):
+    """Return the wave that the best free curve of some fits is, as it is described."""
+    spline = one.best((), (("angle", ENTRY, "angle"),))[1][0]
+    wave = periodic.repeating(one, (), spline, periodic.MOST_KNOTS)
+    if wave is None or not wave.spline.harmonics:
+        return None
+    return description._description(one, one.fit((wave.spline,)), 0, wave.share, None)
+
+
+@pytest.mark.parametrize("cycles", [3, 5, 10, 15])
+@pytest.mark.parametrize("form", [sine, triangle])
+@pytest.mark.parametrize("noise", [NOISE, 4.0])
+def test_a_wave_is_told_with_its_period_and_amplitude(monkeypatch, cycles, form, noise):
+    period = 2 * ENDS / cycles
+    one = told(curves(monkeypatch, lambda x: SIZE * form(2 * np.pi * x / period + 0.3), noise))
+    assert one.period == pytest.approx(period, rel=0.01)
+    size, low, high = one.amplitude
+    assert size == pytest.approx(SIZE, rel=0.01 if form is sine else 0.1)
+    assert low - 0.002 * SIZE < SIZE < high + 0.002 * SIZE  # straight lines between some knots
+    assert high - low < 0.25 * SIZE
+
+
+def test_a_wave_of_some_harmonics_is_as_large_as_half_its_range(monkeypatch):
+    one = told(curves(monkeypatch, lambda x: SIZE * skew(9.0 * x)))
+    assert one.harmonics == 2
+    around = skew(np.linspace(0, 2 * np.pi, 1000))
+    assert one.amplitude[0] == pytest.approx(0.5 * SIZE * np.ptp(around), rel=0.005)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda x: np.exp(-(((x - 0.4) / 0.25) ** 2)) - 0.7 * np.exp(-(((x + 1.2) / 0.4) ** 2)),
+        lambda x: np.tanh(6.0 * (x - 0.3)),
+        lambda x: np.sin(8.0 * x * (1 + 0.15 * x)),
+        lambda x: np.sign(x) * x**2,
+    ],
+)
+def test_what_does_not_repeat_is_no_wave(monkeypatch, form):
+    fits = curves(monkeypatch, lambda x: SIZE * form(x))
+    spline = fits.best((), (("angle", ENTRY, "angle"),))[1][0]
+    assert periodic.repeating(fits, (), spline, periodic.MOST_KNOTS) is None
+
+
+def test_a_likely_period_is_seen_though_the_outermost_places_are_wrong():
+    """All that is beyond them is put there."""
+    places = np.linspace(-2.5, 2.6, 60)
+    curve = 22.0 * np.sin(12.0 * places) + 3.0 * places**3 / 8
+    curve[[0, 1, -2, -1]] += [30.0, -20.0, 35.0, -60.0]
+    spread = np.full(60, 0.02)
+    spread[[0, -1]] = 0.004
+    assert waves.wave_period(places, curve, spread) is None
+    assert waves.likely_periods(places, curve, spread)[0] == pytest.approx(2 * np.pi / 12, rel=0.01)
+
+
+def test_straight_lines_have_less_of_a_wave_than_its_values():
+    places, fine = np.linspace(0.0, 4.0, 25), np.linspace(0.0, 4.0, 4001)
+    hats = np.column_stack(curve_fit.hats(fine, 0.0, 4.0, 25))
+    basis = waves.wave_basis(places, 1.0, 1)
+    values = basis @ np.linalg.lstsq(hats @ basis, 2.0 + 3.0 * np.sin(2 * np.pi * fine), rcond=None)[0]
+    mean, wave = waves.wave_of(places, 1.0, 1)
+    assert mean @ values == pytest.approx(2.0, abs=0.01)
+    size, variance = waves.wave_swing(places, wave @ values, 0.01 * np.eye(25), 1.0, 1)
+    assert size == pytest.approx(3.0, rel=0.003)
+    assert np.hypot(*np.linalg.lstsq(basis, values, rcond=None)[0][1:]) > 3.2
+    assert variance == pytest.approx(0.01 * 2 / 25, rel=0.1)
+
+
+def test_a_wave_that_a_model_has_moves_with_its_period():
+    places, factors = np.linspace(-3, 3, 120), np.array([0.5, 2.0, 0.0])
+    wanted = 0.6 + 2.1 * np.sin(12.0 * places)
+    now = waves.wave_basis(places, 2 * np.pi / 11.99, 1) @ factors
+    values, period = waves.wave_moved(places, 2 * np.pi / 11.99, factors, wanted - now)
+    assert period == pytest.approx(2 * np.pi / 12, rel=1e-4)
+    assert values == pytest.approx(wanted, abs=0.01)
+
+
+def test_an_interval_is_wider_where_the_form_is_not_that_of_the_unknown(monkeypatch):
+    """What eight straight lines leave of a wave is no noise."""
+    fits = curves(monkeypatch, lambda x: SIZE * np.sin(4.0 * x))
+    spline = curve_fit.Spline("angle", ENTRY, "angle", 8)
+    found = fits.fit((spline,))
+    spread = np.sqrt(np.diag(fits.curve(found, 0)[2]) / np.diag(found.covariance))
+    left = np.sqrt(np.mean(found.left[0] ** 2))
+    assert left > 10.0
+    assert np.all(spread > 0.99 * left)
+
+
+def test_a_wave_enters_where_it_removes_most():
+    known = {"motor": 0.999, "load": 0.99}
+    fits = SimpleNamespace(simpler=1e-4, fit=lambda splines: splines, reduced=lambda s: known[s[0].channel])
+    wave = periodic.Wave(curve_fit.Spline("load", ENTRY, "motor", 100, 0.5, 1), 0.99)
+    places = [(name, ENTRY) for name in known]
+    assert periodic.best_placed(fits, (), wave, places).spline.channel == "motor"
+    assert periodic.best_placed(fits, (), wave, places[1:]) == wave
