@@ -170,7 +170,8 @@ def test_pushes_at_instants_of_their_own_are_events(bench, reported):
     assert short(bench.system, found) == "3 pushes (in run 3 at 4.0 s, 7.3 s, 10.1 s)"
     bare = replace(found, events=())
     assert unknown_words(bench.system, bare)[0].endswith(
-        "depends on nothing that was measured, alone (curves of up to 20 points were tried)"
+        "no curve over one measured signal, added to the equation, removes half of the held-out gap (up to 20"
+        " points were tried); an error of a sensor that depends on a signal was not tried"
     )
     (drifting,) = unknown_words(bench.system, bare, {"time": 0.6, "angle": 0.1})
     assert "it changes with time: a sensor's zero that drifts" in drifting

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A curve that repeats over a signal is told with its period and the size of its wave."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pam_orthosis.discrepancy.answer import standing
+from pam_orthosis.discrepancy.answer.unknown_words import unknown_words
 from pam_orthosis.discrepancy.systems.system import Entry
 from pam_orthosis.discrepancy.unknown import curve_fit, description, periodic, waves
+from pam_orthosis.discrepancy.unknown.unknown import Unknown
 
 ENTRY, SIZE, NOISE = Entry("rad/s^2"), 24.6, 0.08
 ENDS = 3.1  # rad
@@ -152,3 +156,39 @@ def test_a_wave_enters_where_it_removes_most():
     places = [(name, ENTRY) for name in known]
     assert periodic.best_placed(fits, (), wave, places).spline.channel == "motor"
     assert periodic.best_placed(fits, (), wave, places[1:]) == wave
+
+
+@pytest.mark.parametrize(
+    ("sizes", "rest"), [((10.0, 11.0, 11.5), 1.0), ((10.0, 11.0), 2.0), ((10.0, 11.0, 12.0), 20.0)]
+)
+def test_an_amplitude_that_still_moves_is_not_known_better(sizes, rest):
+    """A series that halves its steps has its last step before it."""
+    places = np.linspace(0.0, 4.0, 80)
+    shape = sizes[-1] * np.sin(2 * np.pi * places)
+    one = description.Description(
+        "angle", ENTRY, "angle", places, shape, shape, np.zeros((80, 80)), 0.9, None, 1.0, harmonics=1
+    )
+    (told,) = standing._unsettled([one], [np.array([size]) for size in sizes])
+    size, low, high = told.amplitude
+    assert size == pytest.approx(sizes[-1], rel=1e-3)
+    assert high - low == pytest.approx(2 * 1.96 * rest, rel=0.01)
+    (other,) = standing._unsettled([replace(one, harmonics=0, period=None)], [np.array([1.0])] * 2)
+    assert not other.covariance.any()
+
+
+def test_words_say_what_is_left_and_how_large_the_curve_is():
+    """Few of the squares are many times the noise."""
+    places = np.linspace(-1.0, 1.0, 60)
+    shape = np.cos(np.pi * places)
+    one = description.Description(
+        "angle", ENTRY, "angle", places, shape - 3 * places**2, shape, 1e-6 * np.eye(60), 0.985, None, None
+    )
+    system = SimpleNamespace(entries={}, unit=lambda name: "rad")
+    (line,) = unknown_words(system, Unknown("dynamics", [one], ()))
+    assert ", half its range 0.99" in line
+    assert "with a parabola that may be due to the model's parameters instead)" in line
+    assert line.endswith("; removes 98% of the squares of the held-out gap")
+    wave = replace(one, reduced=0.99999, period=2.0, harmonics=1)
+    (line,) = unknown_words(system, Unknown("dynamics", [wave], ()))
+    assert "(period 2 rad, 1 rad/s^2), amplitude 0.99" in line
+    assert line.endswith("; removes more than 99% of the squares of the held-out gap")

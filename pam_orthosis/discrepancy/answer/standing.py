@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
+
+import numpy as np
 
 from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.discrepancy.answer.judgement import Outcome
@@ -14,12 +17,13 @@ from pam_orthosis.discrepancy.preparation.beginning import Beginning
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.systems.suspects import VALUE
-from pam_orthosis.discrepancy.unknown.description import LEAST_REDUCED, refitted
+from pam_orthosis.discrepancy.unknown.description import LEAST_REDUCED, Description, refitted
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.progress import silent
 
 ROUNDS = 4  # of fits in the model that has the curves of the last one
 MORE = 0.003  # of the held-out gap: what a round has to remove
+SLOWEST = 0.95  # of a step of an amplitude, the next one, at most
 SEEN = 0.01  # squares over those of the noise: the same, where the gap is large
 
 
@@ -45,13 +49,28 @@ def standing(start: Beginning, outcome: Outcome) -> Outcome | None:
         return None
     over = outcome.kept[outcome.unknown.equation] ** 2 - 1
     more = min(MORE, SEEN / max(over, 1e-12))
+    sizes = [_sizes(outcome)]
     for _ in range(ROUNDS):
         other = _refitted(outcome, now)
+        sizes.append(_sizes(other))
         further = _bent(start, other)
         if further is None or further.reduced < now.reduced + more:
             break
         outcome, now = other, further
-    return _removing(outcome, now) if now.reduced >= LEAST_REDUCED else None
+    return _removing(outcome, now, sizes) if now.reduced >= LEAST_REDUCED else None
+
+
+def _sizes(outcome: Outcome) -> np.ndarray:
+    """Return the amplitudes of the curves."""
+    return np.array([one.amplitude[0] for one in outcome.unknown.descriptions] if outcome.unknown else [])
+
+
+def _unsettled(told: Sequence[Description], sizes: Sequence[np.ndarray]) -> list[Description]:
+    """Return curves whose intervals hold what further rounds would move them by: a series that converges."""
+    steps = np.abs(np.diff(np.array(sizes), axis=0))
+    before, last = (steps if len(steps) > 1 else np.vstack([2 * steps, steps]))[-2:]
+    ratio = np.minimum(last / np.maximum(before, 1e-300), SLOWEST)
+    return [one.unsettled(float(rest)) for one, rest in zip(told, last / (1 - ratio), strict=True)]
 
 
 def _refitted(outcome: Outcome, bent: _Bent) -> Outcome:
@@ -63,12 +82,13 @@ def _refitted(outcome: Outcome, bent: _Bent) -> Outcome:
     return replace(outcome, unknown=replace(told, descriptions=curves))
 
 
-def _removing(outcome: Outcome, bent: _Bent) -> Outcome:
+def _removing(outcome: Outcome, bent: _Bent, sizes: Sequence[np.ndarray]) -> Outcome:
     """Return an outcome whose curves remove as much, and whose parameters are, as in the model with both."""
     told = outcome.unknown
     assert told is not None
     share = bent.reduced / told.reduced
-    parts = [replace(one, reduced=one.reduced * share) for one in told.descriptions]
+    settled = _unsettled(told.descriptions, sizes)
+    parts = [replace(one, reduced=one.reduced * share) for one in settled]
     beside = {**_parameters(bent), **_effects(outcome, bent)}
     return replace(outcome, unknown=replace(told, descriptions=parts, beside=beside))
 

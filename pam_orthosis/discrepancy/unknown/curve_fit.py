@@ -21,6 +21,7 @@ KNOTS = (8, 20)  # of a curve: as few as held-out recordings allow
 MORE_KNOTS = 60  # of one that a model of a user's own can hold
 ENDS = (0.002, 0.998)  # quantiles of a signal between which its curve changes
 BOUND = 5.0  # standard deviation of a curve's values, of the unknown's own
+FREE = 1e3  # the same, of a wave, whose values are few
 SIMPLER = 0.02  # of the share that a curve removes: what more knots, or a second curve, have to add
 VISIBLE = 0.5  # squares over those of the noise: what more knots have to add where the gap is large
 SLOW = 8.0  # Hz, below which the size of the unknown is looked at
@@ -208,7 +209,11 @@ class CurveFit:
         knots = columns[0].shape[1]
         matrix = np.vstack([slopes, columns[0].T])
         where = np.concatenate([place, count + np.arange(knots)])
-        weight = np.concatenate([self._weight, np.full(knots, 1 / BOUND)])
+        bounds = [
+            np.full(one.shape[1], FREE if s.harmonics else BOUND)
+            for one, s in zip(able, splines, strict=True)
+        ]
+        weight = np.concatenate([self._weight, *[1 / bound for bound in bounds]])
         hessian = np.diag(weight**2 + 1e-12)
         gradient = np.concatenate([self._weight * self._deviation, np.zeros(knots)])
         hessian[np.ix_(where, where)] += matrix @ matrix.T

@@ -97,17 +97,22 @@ class Description:
     @property
     def amplitude(self) -> tuple[float, float, float]:
         """Half the range of the shape, or the amplitude of the wave that it is, with its 95 % interval."""
-        if self.harmonics and self.period is not None:
-            wave = self.places, self.shape, self.covariance, self.period, self.harmonics
-            return _with_interval(*wave_swing(*wave))
+        curve = self.places, self.shape, self.covariance
+        if self.period is not None and self.harmonics:
+            return _with_interval(*wave_swing(*curve, self.period, self.harmonics))
         if self.period is not None:
-            return _with_interval(*wave_amplitude(self.places, self.shape, self.covariance, self.period))
+            return _with_interval(*wave_amplitude(*curve, self.period))
         sure = self.spread <= UNSURE * np.median(self.spread)
         shown = np.where(sure, self.shape, np.nan)
         top, bottom = int(np.nanargmax(shown)), int(np.nanargmin(shown))
         size = 0.5 * float(self.shape[top] - self.shape[bottom])
         contrast = self.covariance[top] - self.covariance[bottom]
         return _with_interval(size, 0.25 * float(contrast[top] - contrast[bottom]))
+
+    def unsettled(self, size: float) -> Description:
+        """Return a wave with a further standard deviation of its amplitude, in its unit."""
+        more = self.shape * bool(self.harmonics) * size / max(abs(self.amplitude[0]), 1e-300)
+        return replace(self, covariance=self.covariance + np.outer(more, more))
 
     @property
     def spread(self) -> np.ndarray:
@@ -183,7 +188,6 @@ def _changed(curves: CurveFit, found: Fitted, index: int, one: Description) -> D
         spline = spline._replace(period=moved)
     own = curves.is_own(spline)
     values, shape, covariance, period, level = _parts(places, values, covariance, own, spline)
-    covariance = covariance + np.outer(shape - one.shape, shape - one.shape)  # it may move as far again
     return replace(
         one, values=values, shape=shape, covariance=covariance, period=period, level=level, shape_of=None
     )

@@ -81,7 +81,10 @@ def likely_periods(places: np.ndarray, curve: np.ndarray, spread: np.ndarray) ->
     inner = slice(1, -1)
     x, y = places[inner], curve[inner]
     cycles = np.arange(CYCLES, len(places) / 3, 0.05)
-    if len(x) < FEWEST_KNOWN or not len(cycles) or not float(y @ y) > 0:
+    if len(x) < FEWEST_KNOWN or not len(cycles):
+        return []
+    flat = y - np.polyval(np.polyfit(x - x.mean(), y, 3), x - x.mean())
+    if not float(flat @ flat) > ROUNDING * float(y @ y):
         return []
     weight = 1 / np.maximum(spread, max(float(np.median(spread)), 1e-300))[inner]
     periods = np.ptp(places) / cycles
