@@ -192,3 +192,13 @@ def test_words_say_what_is_left_and_how_large_the_curve_is():
     (line,) = unknown_words(system, Unknown("dynamics", [wave], ()))
     assert "(period 2 rad, 1 rad/s^2), amplitude 0.99" in line
     assert line.endswith("; removes more than 99% of the squares of the held-out gap")
+
+
+def test_harmonics_are_added_where_the_model_has_the_wave_already(monkeypatch):
+    """To first order a large gap hides them."""
+    missing = curves(monkeypatch, lambda x: 0.4 * SIZE * np.sin(18.0 * x + 1.0))
+    wave = curve_fit.Spline("angle", ENTRY, "angle", 200, 2 * np.pi / 9.0, 1, (0.0, SIZE, 0.0))
+    (more,) = periodic.with_harmonics(missing, (wave,))
+    assert (more.harmonics, more.factors) == (2, (0.0, SIZE, 0.0, 0.0, 0.0))
+    nothing = curves(monkeypatch, lambda x: 0.0 * x)
+    assert periodic.with_harmonics(nothing, (wave,)) == (wave,)

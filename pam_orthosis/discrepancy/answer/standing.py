@@ -68,6 +68,8 @@ def _sizes(outcome: Outcome) -> np.ndarray:
 def _unsettled(told: Sequence[Description], sizes: Sequence[np.ndarray]) -> list[Description]:
     """Return curves whose intervals hold what further rounds would move them by: a series that converges."""
     steps = np.abs(np.diff(np.array(sizes), axis=0))
+    if not len(steps):
+        return list(told)
     before, last = (steps if len(steps) > 1 else np.vstack([2 * steps, steps]))[-2:]
     ratio = np.minimum(last / np.maximum(before, 1e-300), SLOWEST)
     return [one.unsettled(float(rest)) for one, rest in zip(told, last / (1 - ratio), strict=True)]

@@ -20,7 +20,7 @@ from pam_orthosis.discrepancy.fitting.structure import signals_of
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search.findings import QUANTILE
 from pam_orthosis.discrepancy.systems.system import Entry, Equation, System, Values
-from pam_orthosis.discrepancy.unknown import textbook
+from pam_orthosis.discrepancy.unknown import periodic, textbook, waves
 from pam_orthosis.discrepancy.unknown.curve_fit import (
     SIMPLER,
     CurveFit,
@@ -28,15 +28,6 @@ from pam_orthosis.discrepancy.unknown.curve_fit import (
     Spline,
     Term,
     without_parabola,
-)
-from pam_orthosis.discrepancy.unknown.periodic import MOST_KNOTS, MOST_OF_FEW, best_placed, repeating
-from pam_orthosis.discrepancy.unknown.waves import (
-    wave_amplitude,
-    wave_basis,
-    wave_moved,
-    wave_of,
-    wave_period,
-    wave_swing,
 )
 
 LEAST_REDUCED = 0.5  # share of the held-out gap that descriptions of an equation remove, at least
@@ -99,9 +90,9 @@ class Description:
         """Half the range of the shape, or the amplitude of the wave that it is, with its 95 % interval."""
         curve = self.places, self.shape, self.covariance
         if self.period is not None and self.harmonics:
-            return _with_interval(*wave_swing(*curve, self.period, self.harmonics))
+            return _with_interval(*waves.wave_swing(*curve, self.period, self.harmonics))
         if self.period is not None:
-            return _with_interval(*wave_amplitude(*curve, self.period))
+            return _with_interval(*waves.wave_amplitude(*curve, self.period))
         sure = self.spread <= UNSURE * np.median(self.spread)
         shown = np.where(sure, self.shape, np.nan)
         top, bottom = int(np.nanargmax(shown)), int(np.nanargmin(shown))
@@ -162,7 +153,7 @@ def refitted(
     """Return descriptions with their curves fitted again, by a model that has them as they are."""
     groups = [group.weighted(dict.fromkeys(group.weights, 1.0)) for group in (problem, judge)]
     curves = CurveFit(groups[0], groups[1], model, equation)
-    found = curves.fit(tuple(_spline(problem.system, one) for one in told))
+    found = curves.fit(periodic.with_harmonics(curves, tuple(_spline(problem.system, one) for one in told)))
     return tuple(
         _compared(problem.system, _changed(curves, found, index, one)) for index, one in enumerate(told)
     )
@@ -175,7 +166,7 @@ def _spline(system: System, one: Description) -> Spline:
     spline = Spline(one.channel, entry, one.coordinate, len(one.places), one.period or 0.0)
     if not one.harmonics or one.period is None:
         return spline
-    basis = wave_basis(one.places, one.period, one.harmonics)
+    basis = waves.wave_basis(one.places, one.period, one.harmonics)
     factors = np.linalg.lstsq(basis, one.values + one.level, rcond=None)[0]
     return spline._replace(harmonics=one.harmonics, factors=tuple(factors.tolist()))
 
@@ -184,31 +175,35 @@ def _changed(curves: CurveFit, found: Fitted, index: int, one: Description) -> D
     places, change, covariance = curves.curve(found, index)
     values, spline = one.values + one.level + change, found.splines[index]
     if spline.harmonics:
-        values, moved = wave_moved(places, spline.period, np.array(spline.factors), change)
+        values, moved = waves.wave_moved(places, spline.period, np.array(spline.factors), change)
         spline = spline._replace(period=moved)
     own = curves.is_own(spline)
     values, shape, covariance, period, level = _parts(places, values, covariance, own, spline)
     return replace(
-        one, values=values, shape=shape, covariance=covariance, period=period, level=level, shape_of=None
-    )
+        one, values=values, shape=shape, covariance=covariance, period=period, level=level, shape_of=None,
+        harmonics=spline.harmonics,
+    )  # fmt: skip
 
 
 def _repeating(
     curves: CurveFit, system: System, chosen: Mapping[str, _Chosen], free: Sequence[str]
 ) -> list[_Chosen]:
     """Return what was chosen with waves in place of curves that repeat; one alone in the best channel."""
-    most, found = MOST_OF_FEW if system.changed is None else MOST_KNOTS, list(chosen.values())
+    most, found = (
+        periodic.MOST_OF_FEW if system.changed is None else periodic.MOST_KNOTS,
+        list(chosen.values()),
+    )
     for k, one in enumerate(found):
         if len(one.splines) > 1:
             continue
         fixed, spline = _splines((*found[:k], *found[k + 1 :])), one.splines[0]
         before = curves.reduced(curves.fit((*fixed, spline)))
-        wave = repeating(curves, fixed, spline, most)
+        wave = periodic.repeating(curves, fixed, spline, most)
         if wave is None:
             continue
         if wave.spline.harmonics and len(found) == 1:
             places = [(name, entry) for name in (spline.channel, *free) for entry in system.entries_of(name)]
-            wave = best_placed(curves, fixed, wave, places)
+            wave = periodic.best_placed(curves, fixed, wave, places)
         found[k] = one._replace(splines=(wave.spline,), share=one.share + wave.share - before)
     return found
 
@@ -295,13 +290,13 @@ def _parts(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float | None, float]:
     """Return values, shape, its covariance, period and level of a curve, that of an own signal or another."""
     if spline.harmonics:
-        mean, wave = wave_of(places, spline.period, spline.harmonics)
+        mean, wave = waves.wave_of(places, spline.period, spline.harmonics)
         level = 0.0 if own else float(mean @ values)
         return values - level, wave @ values, wave @ covariance @ wave.T, spline.period, level
     weight = 1 / np.maximum(np.diag(covariance), 1e-300)
     certain = without_parabola(places, weight) if own else np.eye(len(places)) - weight / weight.sum()
     shape, covariance = certain @ values, certain @ covariance @ certain.T
-    period = spline.period or wave_period(places, shape, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    period = spline.period or waves.wave_period(places, shape, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     if own:
         return values, shape, covariance, period, 0.0
     return shape, shape, covariance, period, float((values - shape)[0])

@@ -45,16 +45,38 @@ def repeating(curves: CurveFit, fixed: tuple[Spline, ...], spline: Spline, most:
         return None
     period = min(near)[1]
     tried = [_wave(curves, spline, period, harmonics, most) for harmonics in HARMONICS]
-    tried = [one for one in tried if _holds(curves, one)]
-    if not tried:
+    wave = _fewest(curves, fixed, tried)
+    if wave is None:
         return None
-    waves = [Wave(one, curves.reduced(curves.fit((*fixed, one)))) for one in tried]
-    best = max(wave.share for wave in waves)
-    wave = next(wave for wave in waves if wave.share >= best - curves.simpler)
     free = curves.reduced(found)
     if wave.share > free - SIMPLER:
         return wave
     return Wave(spline._replace(period=period), free) if wave.share > SIMILAR * free else None
+
+
+def with_harmonics(curves: CurveFit, splines: tuple[Spline, ...]) -> tuple[Spline, ...]:
+    """Return splines with the harmonics that their waves need, in a model that has these waves already."""
+    for k, one in enumerate(splines):
+        if one.harmonics:
+            more = [_padded(one, harmonics) for harmonics in HARMONICS if harmonics >= one.harmonics]
+            wave = _fewest(curves, (*splines[:k], *splines[k + 1 :]), more)
+            splines = splines if wave is None else (*splines[:k], wave.spline, *splines[k + 1 :])
+    return splines
+
+
+def _padded(wave: Spline, harmonics: int) -> Spline:
+    constant, *others = wave.factors
+    rest = (0.0,) * (harmonics - wave.harmonics)
+    factors = (constant, *others[: wave.harmonics], *rest, *others[wave.harmonics :], *rest)
+    return wave._replace(harmonics=harmonics, factors=factors)
+
+
+def _fewest(curves: CurveFit, fixed: tuple[Spline, ...], tried: Sequence[Spline]) -> Wave | None:
+    """Return the wave of the fewest harmonics that removes about as much as any."""
+    held = [one for one in tried if _holds(curves, one)]
+    waves = [Wave(one, curves.reduced(curves.fit((*fixed, one)))) for one in held]
+    best = max((wave.share for wave in waves), default=0.0)
+    return next((wave for wave in waves if wave.share >= best - curves.simpler), None)
 
 
 def best_placed(
