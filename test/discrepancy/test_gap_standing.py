@@ -142,6 +142,7 @@ def test_what_is_left_beside_named_effects_is_what_a_model_with_both_leaves(stic
     left = _left(sticky.changed(changes), own[0], own[1:])
     assert outcome.left_unknown == pytest.approx(left, rel=0.1)
     assert f"leaves {outcome.left_unknown:.1f} times the noise" in describe(outcome)
+    assert f"equation ({outcome.kept[outcome.unknown.equation]:.1f} without it)" in describe(outcome)
     (value, *_), level = outcome.effects[0].parameters["level"], changes["effects.dry_friction.level"]
     assert level != pytest.approx(value, rel=1e-3)
     assert f"beside what is unknown, and so in a model file: effects.dry_friction.level {level:.4g}" in (
