@@ -104,7 +104,12 @@ def _doubted(start: Beginning, found: Selection, outcome: Outcome) -> Outcome:
 
 def _described(start: Beginning, outcome: Outcome, problem: Problem, model: Fit) -> Outcome:
     """Return an outcome with what can be said of what a model leaves."""
-    told = outcome.described(unknown(problem, start.held_out, model, outcome.floor))
+    left = unknown(problem, start.held_out, model, outcome.floor)
+    told = outcome.described(left)
+    if left is not None and told.foreign and any(one.harmonics for one in left.descriptions):
+        # to first order a wave may leave much of a large gap, of which the model with it leaves nothing
+        bent = standing(start, replace(outcome, verdict=DESCRIBED, unknown=left))
+        return outcome.described(bent.unknown if bent else left)
     return standing(start, told) or outcome.described(None)
 
 

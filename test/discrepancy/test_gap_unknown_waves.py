@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A curve that repeats over a signal is told with its period and the size of its wave."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer import standing
 from pam_orthosis.discrepancy.answer.unknown_words import unknown_words
 from pam_orthosis.discrepancy.systems.system import Entry
@@ -202,3 +203,29 @@ def test_harmonics_are_added_where_the_model_has_the_wave_already(monkeypatch):
     assert (more.harmonics, more.factors) == (2, (0.0, SIZE, 0.0, 0.0, 0.0))
     nothing = curves(monkeypatch, lambda x: 0.0 * x)
     assert periodic.with_harmonics(nothing, (wave,)) == (wave,)
+
+
+@pytest.mark.parametrize(("harmonics", "reduced"), [(1, 0.999), (0, 0.6)])
+def test_a_wave_is_judged_in_the_model_that_has_it(monkeypatch, harmonics, reduced):
+    """To first order it may leave so much that the machine seems to be another one."""
+
+    @dataclass(frozen=True)
+    class Judged:
+        verdict: str = "unexplained"
+        unknown: Unknown | None = None
+        foreign: bool = False
+        floor: float = 1.0
+
+        def described(self, left):
+            return replace(self, unknown=left, foreign=left.reduced < 0.9)
+
+    one = SimpleNamespace(reduced=0.6, harmonics=harmonics)
+    better = Unknown("dynamics", [SimpleNamespace(reduced=0.999, harmonics=1)], ())
+    monkeypatch.setattr(workflow, "unknown", lambda *_: Unknown("dynamics", [one], ()))
+
+    def standing_better(start, outcome):
+        return replace(outcome, unknown=better) if outcome.verdict == "described" else outcome
+
+    monkeypatch.setattr(workflow, "standing", standing_better)
+    told = workflow._described(SimpleNamespace(held_out=None), Judged(), None, None)
+    assert (told.unknown.reduced, told.foreign) == (reduced, reduced < 0.9)
