@@ -72,7 +72,11 @@ def _unsettled(told: Sequence[Description], sizes: Sequence[np.ndarray]) -> list
         return list(told)
     before, last = (steps if len(steps) > 1 else np.vstack([2 * steps, steps]))[-2:]
     ratio = np.minimum(last / np.maximum(before, 1e-300), SLOWEST)
-    return [one.unsettled(float(rest)) for one, rest in zip(told, last / (1 - ratio), strict=True)]
+    rest = last / (1 - ratio)
+    return [
+        one if one.is_constant else replace(one, moving=float(more))
+        for one, more in zip(told, rest, strict=True)
+    ]
 
 
 def _refitted(outcome: Outcome, bent: _Bent) -> Outcome:

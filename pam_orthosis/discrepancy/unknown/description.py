@@ -55,6 +55,7 @@ class Description:
         runner_up: the next best signal, or two, and the share.
         period: of the curve, in the signal's unit, if it is a wave.
         harmonics: of a wave that is the same in each period; none: a curve of free values.
+        moving: standard deviation of the amplitude by what further rounds of fits would change.
         level: the mean that is left to recalibration.
         shape_of: the textbook effect that has its shape, if one has.
         beside: the model's free parameters, as they were fitted with it.
@@ -74,6 +75,7 @@ class Description:
     shape_of: str | None = None
     beside: Values = field(default_factory=dict)
     harmonics: int = 0
+    moving: float = 0.0
 
     @property
     def is_constant(self) -> bool:
@@ -90,20 +92,19 @@ class Description:
         """Half the range of the shape, or the amplitude of the wave that it is, with its 95 % interval."""
         curve = self.places, self.shape, self.covariance
         if self.period is not None and self.harmonics:
-            return _with_interval(*waves.wave_swing(*curve, self.period, self.harmonics))
+            return self._with_interval(*waves.wave_swing(*curve, self.period, self.harmonics))
         if self.period is not None:
-            return _with_interval(*waves.wave_amplitude(*curve, self.period))
+            return self._with_interval(*waves.wave_amplitude(*curve, self.period))
         sure = self.spread <= UNSURE * np.median(self.spread)
         shown = np.where(sure, self.shape, np.nan)
         top, bottom = int(np.nanargmax(shown)), int(np.nanargmin(shown))
         size = 0.5 * float(self.shape[top] - self.shape[bottom])
         contrast = self.covariance[top] - self.covariance[bottom]
-        return _with_interval(size, 0.25 * float(contrast[top] - contrast[bottom]))
+        return self._with_interval(size, 0.25 * float(contrast[top] - contrast[bottom]))
 
-    def unsettled(self, size: float) -> Description:
-        """Return a wave with a further standard deviation of its amplitude, in its unit."""
-        more = self.shape * bool(self.harmonics) * size / max(abs(self.amplitude[0]), 1e-300)
-        return replace(self, covariance=self.covariance + np.outer(more, more))
+    def _with_interval(self, size: float, variance: float) -> tuple[float, float, float]:
+        half = QUANTILE * float(np.sqrt(max(variance, 0.0) + self.moving**2))
+        return size, size - half, size + half
 
     @property
     def spread(self) -> np.ndarray:
@@ -336,9 +337,3 @@ def holder(system: System, one: Description) -> tuple[str, str] | None:
     if not one.entry.held or coordinate is None:
         return None
     return one.entry.held, coordinate
-
-
-def _with_interval(size: float, variance: float) -> tuple[float, float, float]:
-    """Return a size with the ends of its 95 % interval."""
-    half = QUANTILE * float(np.sqrt(max(variance, 0.0)))
-    return size, size - half, size + half
