@@ -66,13 +66,16 @@ def _sizes(outcome: Outcome) -> np.ndarray:
 
 
 def _unsettled(told: Sequence[Description], sizes: Sequence[np.ndarray]) -> list[Description]:
-    """Return curves whose intervals hold what further rounds would move them by: a series that converges."""
+    """Return curves whose intervals hold what further rounds would move them by.
+
+    That is what a geometric series has left, but no more than all rounds together have moved.
+    """
     steps = np.abs(np.diff(np.array(sizes), axis=0))
     if not len(steps):
         return list(told)
     before, last = (steps if len(steps) > 1 else np.vstack([2 * steps, steps]))[-2:]
     ratio = np.minimum(last / np.maximum(before, 1e-300), SLOWEST)
-    rest = last / (1 - ratio)
+    rest = np.minimum(last / (1 - ratio), np.ptp(np.array(sizes), axis=0))
     return [
         one if one.is_constant else replace(one, moving=float(more))
         for one, more in zip(told, rest, strict=True)
