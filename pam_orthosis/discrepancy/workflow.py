@@ -28,6 +28,7 @@ from pam_orthosis.model.parameters import Section, load
 from pam_orthosis.progress import Progress, silent
 
 NEARLY = 0.1  # of a gap, that a description leaves without the effects that are named
+ALONE = 1.1  # times the noise: hardly more than noise alone
 
 
 def find_gap(
@@ -109,8 +110,15 @@ def _described(start: Beginning, outcome: Outcome, problem: Problem, model: Fit)
     if left is not None and told.foreign and any(one.harmonics for one in left.descriptions):
         # to first order a wave may leave much of a large gap, of which the model with it leaves nothing
         bent = standing(start, replace(outcome, verdict=DESCRIBED, unknown=left))
-        return outcome.described(bent.unknown if bent else left)
-    return standing(start, told) or outcome.described(None)
+        return _by_its_stamps(start, outcome.described(bent.unknown if bent else left))
+    return _by_its_stamps(start, standing(start, told) or outcome.described(None))
+
+
+def _by_its_stamps(start: Beginning, told: Outcome) -> Outcome:
+    """Return an outcome without remarks on stamps where a description leaves noise alone by these."""
+    if told.verdict != DESCRIBED or told.left_unknown > ALONE:
+        return told
+    return replace(told, remarks=[one for one in told.remarks if one not in start.stamps])
 
 
 def _or_without_names(start: Beginning, told: Outcome) -> Outcome:

@@ -229,3 +229,25 @@ def test_a_wave_is_judged_in_the_model_that_has_it(monkeypatch, harmonics, reduc
     monkeypatch.setattr(workflow, "standing", standing_better)
     told = workflow._described(SimpleNamespace(held_out=None), Judged(), None, None)
     assert (told.unknown.reduced, told.foreign) == (reduced, reduced < 0.9)
+
+
+@dataclass(frozen=True)
+class Told:
+    """A part of an outcome."""
+
+    left_unknown: float
+    verdict: str = "described"
+    remarks: tuple[str, ...] = ("a stamp", "a gap")
+
+
+@pytest.mark.parametrize(
+    ("left", "verdict", "kept"),
+    [
+        (1.05, "described", ["a gap"]),
+        (1.3, "described", ["a stamp", "a gap"]),
+        (1.0, "unexplained", ["a stamp", "a gap"]),
+    ],
+)
+def test_stamps_by_which_a_description_leaves_noise_alone_are_right(left, verdict, kept):
+    told = workflow._by_its_stamps(SimpleNamespace(stamps=("a stamp",)), Told(left, verdict))
+    assert list(told.remarks) == kept
