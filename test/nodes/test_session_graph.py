@@ -68,7 +68,8 @@ def test_the_graph_carries_the_programme_out_and_the_report_reads_it(led):
         rests = speed[eager.end :] < 1e-6
         assert np.convolve(rests, np.ones(20)).max() > 19.5, leg  # it has been brought to rest, for 0.1 s
         assert speed[calm.first : calm.end].max() > 1.0
-    assert 1.7 < (eager.end - eager.first) * PERIOD_S < 2.0  # it becomes faster on the way
+    # it becomes faster on the way: how soon is when the request has come, which no simulated time waits for
+    assert 1.7 < (eager.end - eager.first) * PERIOD_S <= 2.0
     left, right = (read.legs[leg].share for leg in ("left", "right"))
     assert np.all(left > right)
 
