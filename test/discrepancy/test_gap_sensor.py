@@ -50,6 +50,7 @@ def test_a_sensor_that_lags_is_named_with_its_time_constant():
     (one,) = outcome.effects
     assert (outcome.verdict, one.name) == ("explained", "temperature_lag")
     assert one.parameters["time"][0] == pytest.approx(TAU, rel=0.02)
+    assert "temperature_lag: one channel does not tell" in " ".join(outcome.remarks)
 
 
 def test_delays_that_make_up_for_a_wrongly_declared_input_explain_nothing():

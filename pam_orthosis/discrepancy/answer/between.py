@@ -14,6 +14,7 @@ from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.search.confirmation import EMPTY
 from pam_orthosis.discrepancy.search.selection import Selection, Step
+from pam_orthosis.discrepancy.systems.implied import LAG
 from pam_orthosis.discrepancy.systems.system import Names, System
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import silent
@@ -26,8 +27,20 @@ CLOSES = 0.9  # of squared residuals: what inputs that act earlier take away, if
 
 
 def remarks_on_inputs(found: Selection, settings: Section) -> list[str]:
-    """Return remarks on inputs that are stamped late, or run otherwise between rows than the system says."""
-    return stamped_late(found.problem.system, found.steps) or _between_rows(found, settings)
+    """Return remarks on inputs that are stamped late, lag, or run otherwise between rows than is said."""
+    remarks = stamped_late(found.problem.system, found.steps) or _between_rows(found, settings)
+    return [*remarks, *_lagging(found)]
+
+
+def _lagging(found: Selection) -> list[str]:
+    """Return a remark if the only channel seems to lag: that may as well be what the inputs drive."""
+    system = found.problem.system
+    names = {f"{one.name}{LAG}" for one in system.channels}
+    return [
+        f"{name}: one channel does not tell whether its sensor lags or what the inputs drive"
+        for name in found.final.effects
+        if name in names and len(names) == 1 and system.inputs
+    ]
 
 
 def stamped_late(system: System, steps: Sequence[Step]) -> list[str]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pam_orthosis.discrepancy.systems.builder import Input, Parameter
     from pam_orthosis.discrepancy.systems.system import Channel
 
-WRONG, DELAY, MEASURED = "wrong_", "inputs_delay", "measured_"
+WRONG, DELAY, LAG, MEASURED = "wrong_", "inputs_delay", "_lag", "measured_"
 LEAST, TYPICAL, REACH = 3.0, 6.0, 100.0  # tolerances: worth a name, to look for, and at most
 LONGEST = 0.5  # s
 STARTS = 0.005, -0.005, -0.02, 0.05, -0.05, 0.1, 0.2, 0.35  # s
@@ -93,7 +93,7 @@ def lagging_channel(channel: Channel) -> Effect:
     """Return the candidate that a channel's sensor follows by a lag of the first order."""
     stage = f"{MEASURED}{channel.name}"
     return Effect(
-        f"{channel.name}_lag",
+        f"{channel.name}{LAG}",
         stage,
         (Quantity("time", 0.02, "s", SHORTEST, SLOWEST, f"time constant with which {channel.name} follows"),),
         lambda _s, _p, own: Contribution({stage: -own[0]}),
