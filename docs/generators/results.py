@@ -30,8 +30,8 @@ from control_campaign.cases import PEERS  # noqa: E402
 from speed.rows import as_text  # noqa: E402
 
 BOUND = 3.0  # deg
-LATEST = ("873252", "490851")  # sets of cases of the gap workflow, the last ones
-LATEST_OUTSIDE = 918276  # the same, of effects outside the catalogue
+LATEST = ("490851", "531983")  # sets of cases of the gap workflow, the last ones
+LATEST_OUTSIDE = "531983"  # the same, of effects outside the catalogue
 BLIND = (
     "515151",
     "626262",
@@ -54,6 +54,7 @@ BLIND = (
     "274523",
     "600960",
     "365451",
+    "873252",
     *LATEST,
 )  # sets of cases, newest last
 # (set, size) of blind cases -> share that is asked to be right; goals of the study before the workflow
@@ -317,13 +318,14 @@ def gap_wrong() -> str:
 def gap_outside() -> str:
     """Return what became of effects outside the catalogue."""
     cases = [case for file in sorted(RESULTS.glob("gap_outside_*.jsonl")) for case in gap_table.read(file)]
-    rows = []
+    newest = chosen_of(blind_set(LATEST_OUTSIDE), "outside")
+    cases, rows = [*cases, *newest], []
     for effect, signals in gap_table.DEPENDS.items():
         chosen = [case for case in cases if case["effects"] == [effect]]
         right = [case for case in chosen if gap_table.described_rightly(case)]
         shares = [sum(share for _, share in case["found"]["described"]) for case in right]
         others = Counter(_told(case) for case in chosen if case not in right)
-        latest = [case in right for case in chosen if case["seed"] // 100_000 == LATEST_OUTSIDE]
+        latest = [case in right for case in chosen if case in newest]
         over = ", ".join(signals).replace("_", " ") or "no signal of the instant"
         rows.append((
             f"`{effect}`", over, str(len(chosen)),
