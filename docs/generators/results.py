@@ -212,7 +212,8 @@ def gap_asked() -> str:
     """Return for each class of cases of the last blind sets what is asked and what was reached."""
     cases, rows = [case for seed in LATEST for case in blind_set(seed)], []
     for (name, size), asked in ASKED.items():
-        chosen = chosen_of(cases, name, size)
+        if not (chosen := chosen_of(cases, name, size)):
+            continue
         words, (part, whole) = _reached(name, chosen)
         hidden = f"one effect, {size}, {name}" if size else words
         met = "-" if asked is None else "yes" if part >= asked * whole else "no"

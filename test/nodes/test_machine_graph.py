@@ -100,7 +100,9 @@ def test_by_the_wall_clock_a_driver_stands_in_for_the_hardware(run_graph, monkey
         command = [sys.executable, "-m", "pam_orthosis.nodes.dummy_driver", "--ros-args"]
         driver = subprocess.Popen([*command, "-p", f"machine_file:={EXAMPLE}"])
         try:
-            done, bag = run_graph("--machine", str(EXAMPLE), "--realtime", "--no-plant", *OPTIONS)
+            # long enough for messages to get through by the wall clock where processes wait for a processor
+            options = ("--realtime", "--no-plant", *OPTIONS, "--duration", "6")
+            done, bag = run_graph("--machine", str(EXAMPLE), *options)
         finally:
             driver.terminate()
     assert driver.wait(30) == 0
