@@ -39,7 +39,7 @@ test: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n $(WORKERS) --max-worker-restart 1 --dist loadfile
+	$(BIN)/python -m pytest -n $(WORKERS) --max-worker-restart 0 --dist loadfile
 
 bench: setup
 	$(GUARD)

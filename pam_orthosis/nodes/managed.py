@@ -42,7 +42,11 @@ class ManagedNode(LifecycleNode):
             if service.srv_type is ChangeState:
                 service.callback = partial(self._change, service.callback)
         if self.autostart:
-            self._raised(self.trigger_configure)
+            try:
+                self._raised(self.trigger_configure)
+            except BaseException:
+                self.destroy_node()  # left to the collector, it would go at a moment that nobody chose
+                raise
 
     def configure(self) -> None:
         """Make what the node needs; raise OrthosisError if it cannot."""

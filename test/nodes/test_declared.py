@@ -109,3 +109,12 @@ def test_a_node_declares_a_row_of_the_apparatus_that_it_is_given(make):
 def test_what_is_given_is_checked_though_it_would_not_be_declared(make, key, value, words):
     with pytest.raises(OrthosisError, match=words):
         make("position_controller", **{key: value})
+
+
+def test_a_node_that_is_refused_leaves_the_graph(make):
+    with pytest.raises(OrthosisError, match=r"leg\.shank\.mass") as refused:
+        make("position_controller", **{"leg.shank.mass": 4500.0})
+    other = rclpy.create_node("other")
+    there = other.get_node_names()
+    other.destroy_node()
+    assert there == ["other"], refused
