@@ -129,7 +129,7 @@ def judged(monkeypatch, models, strained=False, silent=False, due=100.0, fall=0.
     monkeypatch.setattr(acceptance, "confirmed", lambda *args: seen[args[-1].effects[-1]])
     monkeypatch.setattr(acceptance, "is_visible", lambda *_: not strained)
     monkeypatch.setattr(acceptance, "leaves_noise_alone", lambda *_: silent)
-    size = SimpleNamespace(name="size", neutral=0.0)
+    size = SimpleNamespace(name="size", neutral=0.0, unit="kg/(s Pa)")
     effect = SimpleNamespace(parameters=(), fitted=[size], shape=False, minimum_effect=1.0, late=None)
     weighted = SimpleNamespace(weights={}, weighted=lambda _: None)
     problem = SimpleNamespace(
@@ -180,7 +180,7 @@ def test_what_held_out_recordings_cannot_show_training_alone_decides(
 def test_what_is_too_small_is_not_called_unconfirmed(monkeypatch):
     step = judged(monkeypatch, {"leak": (90.0, 8.0, 0.9, 0.5)})
     assert step.accepted is None
-    assert step.reason == "leak is smaller than what is worth a name"
+    assert step.reason == "leak is smaller than what is worth a name (1 kg/(s Pa))"
 
 
 def test_a_refusal_names_one_effect(monkeypatch):

@@ -84,6 +84,19 @@ def test_units_in_the_columns_names_are_converted(system, tmp_path):
         np.testing.assert_allclose(values, SI[name], rtol=1e-9)
 
 
+def test_a_unit_that_contradicts_the_column_is_refused(system, tmp_path):
+    other = {"time": TIME, "angle [deg]": np.rad2deg(SI["angle"]), "p1 [bar]": SI["extensor_pressure"] / 1e5}
+    other |= {name: values for name, values in SI.items() if name not in ("angle", "extensor_pressure")}
+    file = write(tmp_path / "other.csv", other)
+    for unit, above in (("bar", 0.0), ("bar gauge", 1.013e5)):
+        mapping = read_mapping([f"extensor_pressure=p1 [bar]:{unit}"])
+        found = from_csv(file, with_columns(system, mapping)).signals["extensor_pressure"]
+        np.testing.assert_allclose(found, SI["extensor_pressure"] + above, rtol=1e-9)
+    mapping = read_mapping(["extensor_pressure=p1 [bar]:kPa"])
+    with pytest.raises(OrthosisError, match=r"p1 \[bar\] names the unit bar, .* gives kPa; leave that out"):
+        from_csv(file, with_columns(system, mapping))
+
+
 def test_names_may_have_capitals_and_spaces(system, tmp_path):
     other = {name.replace("_", " ").capitalize(): values for name, values in SI.items()}
     other = {"Angle [deg]" if name == "Angle" else name: values for name, values in other.items()}

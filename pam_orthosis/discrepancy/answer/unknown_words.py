@@ -143,7 +143,8 @@ def _curve_as_dict(system: System, one: Description, carried: bool) -> dict[str,
     holding = holder(system, one) if carried else None
     return {
         "channel": one.channel, "enters_as": one.entry.name or "rate", "coordinate": one.coordinate,
-        "unit": one.unit, "period": one.period, "carried_as": holding[0] if holding else None,
+        "unit": one.unit, "period": one.period, "harmonics": one.harmonics or None,
+        "carried_as": holding[0] if holding else None,
         "reduced": one.reduced, "level": one.level, "amplitude": list(one.amplitude),
         "places": one.places.tolist(), "values": one.values.tolist(), "without_parabola": one.shape.tolist(),
         "standard_deviations": one.spread.tolist(), "shape_of": one.shape_of,

@@ -142,9 +142,13 @@ def places_of(path: str, system: System, columns: Collection[str]) -> dict[str, 
             raise OrthosisError(
                 f"{path}: column {column} would be {other} and {name}; say by --columns which one it is"
             )
-        unit = _unit(
-            path, system, name, given or ("" if column == name or _scales(source) else _split(column)[1])
-        )
+        own = "" if column == name or _scales(source) else _split(column)[1]
+        unit = _unit(path, system, name, given or own)
+        if _contradict(_known(own), unit):
+            raise OrthosisError(
+                f"{path}: column {column} names the unit {own}, --columns {name} gives {given}; leave that"
+                " out, or rename the column if its unit is wrong"
+            )
         found[name] = Place(column, sign, unit)
     missing = [name for name in ("time", *(channel.name for channel in system.channels)) if name not in found]
     if missing:
@@ -243,6 +247,14 @@ def _unit(path: str, system: System, name: str, text: str) -> Unit | None:
     if unit.si != (expected := system.unit(name)):
         raise OrthosisError(f"{path}: {name} is given in {unit.si}, and needs {expected or 'no unit'}")
     return unit
+
+
+def _contradict(own: Unit | None, given: Unit | None) -> bool:
+    """Return whether a column's unit is not what is given: of plain `bar` one may say `bar gauge`."""
+    if own is None or given is None:
+        return False
+    said = own.text not in UNITS and given.text not in UNITS
+    return own.factor != given.factor or (said and own.gauge != given.gauge)
 
 
 def _in_si(system: System, name: str, values: np.ndarray, unit: Unit, ambient: float) -> np.ndarray:

@@ -15,6 +15,7 @@ from pam_orthosis.discrepancy.search.confirmation import (
     emptied,
     is_too_small,
     is_visible,
+    least_size,
     leaves_noise_alone,
 )
 from pam_orthosis.discrepancy.search.selection import Ranking, Step
@@ -39,7 +40,7 @@ def accepted(
         name, closes = model.effects[-1], 0.0
         seen = confirmed(problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model)
         if is_too_small(problem.system, name, model):
-            reason = f"{name} is smaller than what is worth a name"
+            reason = f"{name} is smaller than what is worth a name ({least_size(problem.system, name)})"
         elif empty := emptied(problem.system, name, model):
             reason = f"{name} {EMPTY}: {at_values(problem.system, model, empty)}"
             closes = _closed(problem.weighted(weighted.weights), base, model)

@@ -154,6 +154,12 @@ def is_too_small(system: System, name: str, model: Fit) -> bool:
     return abs(model.values[f"{name}.{size.name}"] - size.neutral) < effect.minimum_effect
 
 
+def least_size(system: System, name: str) -> str:
+    """Return the size from which on an effect is worth a name, in words."""
+    effect = system.catalogue[name]
+    return f"{effect.minimum_effect:g} {effect.fitted[0].unit}"
+
+
 def emptied(system: System, name: str, model: Fit) -> tuple[str, ...]:
     """Return the parameters (as `EFFECT.PARAMETER`) at which an effect is not what its name says."""
     effect = system.catalogue[name]
