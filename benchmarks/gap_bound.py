@@ -119,7 +119,9 @@ def _of_pair(one: Mapping[str, Any], missed: str, replay: Replay) -> dict[str, A
     evidence = {effect["name"]: effect["evidence"] for effect in one["found"]["effects"]}
     together = replay.touched(other) & replay.touched(missed)
     settings = cases.nominal().gap.evidence
-    asked = settings.least_share * evidence.get(other, 0.0) if together else 0.0
+    by_chance = bool(replay.system.catalogue[other].held)  # what is left beside it may look like anything
+    share = settings.share if by_chance else settings.least_share
+    asked = share * evidence.get(other, 0.0) if together else 0.0
     return {
         "seed": one["seed"], "missed": missed, "beside": other, "named": other in evidence,
         "at_most": round(evidence_at_most(one, replay, other), 1),

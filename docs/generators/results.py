@@ -4,7 +4,7 @@
 import json
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from statistics import median
@@ -217,12 +217,23 @@ def gap_asked() -> str:
         words, (part, whole) = _reached(name, chosen)
         hidden = f"one effect, {size}, {name}" if size else words
         met = "-" if asked is None else "yes" if part >= asked * whole else "no"
-        small = sum(map(gap_table.too_small, chosen)) if size else None
+        small = sum(map(gap_table.too_small, chosen)) if size else _hidden_from_all(chosen)
         rows.append((
             hidden, "-" if asked is None else f"{asked:.0%}", _share(part, whole), met,
             "-" if small is None else str(small),
         ))  # fmt: skip
     return table(("right", "asked", "reached", "met", "missed: too small to be found"), rows)
+
+
+def _hidden_from_all(cases: Sequence[dict[str, Any]]) -> int | None:
+    """Return in how many pairs recordings do not show what was missed; None of other cases."""
+    seeds = {case["seed"] for case in cases if case["set"] == "pairs"}
+    return sum(r["at_most"] < gap_table.DETECTABLE for r in _bounds_of(seeds)) if seeds else None
+
+
+def _bounds_of(seeds: Collection[int]) -> list[dict[str, Any]]:
+    """Return the bounds of what was missed in some pairs."""
+    return [r for r in gap_table.read(RESULTS / "gap_pairs.jsonl") if r["seed"] in seeds]
 
 
 def _reached(name: str, chosen: Sequence[dict[str, Any]]) -> tuple[str, tuple[int, int]]:
@@ -262,7 +273,7 @@ def gap_pairs() -> str:
     """Return the evidence that effects which were missed in pairs could have beside the other one."""
     rows = [
         (f"`{r['missed']}`", f"`{r['beside']}`", f"{r['at_most']:.0f}", f"{r['asked']:.0f}")
-        for r in gap_table.read(RESULTS / "gap_pairs.jsonl")
+        for r in _bounds_of({case["seed"] for seed in LATEST for case in blind_set(seed)})
     ]
     return table(("missed", "beside", "evidence at most", "asked at least"), rows)
 
