@@ -127,7 +127,8 @@ def _or_without_names(start: Beginning, told: Outcome) -> Outcome:
     Effects that resemble what is missing, and a curve of what they leave of it, are as good as one curve of
     it all.
     """
-    bare = _described(start, replace(told, effects=(), unknown=None), start.problem, start.null)
+    nothing = replace(told, verdict="unexplained", effects=(), unknown=None)
+    bare = _described(start, nothing, start.problem, start.null)
     if bare.verdict != DESCRIBED or bare.unknown is None:
         return told
     gap, left = bare.kept[bare.unknown.equation], bare.left_unknown

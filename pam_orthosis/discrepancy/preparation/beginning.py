@@ -195,6 +195,7 @@ def prepared(
     whitened = replay.workers.forked(whitened_run, range(len(numbered)))
     floors = [floor for _, floor in whitened[len(runs[0]) :]]
     units = {name: float(np.mean([floor[name] for floor in floors])) for name in floors[0]}
+    _check_held(replay.system, units, [run.recording for run in runs[1]])
     white = dict.fromkeys([*units, measure.OVERALL], 1.0)
     scored = [
         Scored(run, whiten, skip)
@@ -215,6 +216,19 @@ def _check_replayed(replay: Replay, runs: Sequence[Run]) -> None:
             finite = np.isfinite(replay.residuals(run, equation, (), replay.defaults(()))).all(axis=1)
             if not finite.all():
                 raise OrthosisError(f"{run.recording.name}: {_endless(equation, begun=finite[:2].all())}")
+
+
+def _check_held(system: System, floors: Values, recordings: Sequence[Recording]) -> None:
+    """Raise OrthosisError where noise alone takes a replay as far as a channel ever goes."""
+    for channel in system.channels:
+        spans = [float(np.ptp(one.signals[channel.name])) for one in recordings]
+        if floors.get(channel.name, 0.0) > max(spans) > 0:
+            raise OrthosisError(
+                f"{channel.name}: noise grows in the replay until it is as large as all that was recorded"
+                f" ({channel.report_factor * max(spans):.3g} {channel.report_unit}): the model leaves its recording faster than that holds it,"
+                " as something unstable does; a system of your own takes larger"
+                f" Model(gains={{{channel.name!r}: ...}})"
+            )
 
 
 def _endless(equation: Equation, begun: bool) -> str:

@@ -6,6 +6,7 @@ At each sample the prediction is compared and the state corrected weakly (innova
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -15,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from pam_orthosis.discrepancy.systems.system import Assembled, Channel, Equation, Names, System
 
+MOST_PULLED = 0.5  # of a deviation, that one sample takes away
 INVERSION_STEPS = 4  # fixed-point steps: a sensor gain of 10 % is inverted to 1e-5 of the value
 
 
@@ -117,7 +119,7 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     remembered = [evaluate(own_rates, state, 0.0, seen.inputs(z, 0.0, before=True)) for state in (x, moved)]
     held = {state for gains in equation.gains.values() for state in gains} - set(equation.states)
     felt = ca.vertcat(*(name in held for name in own)) * (remembered[1] - remembered[0])
-    corrected = x + period * (pulled + felt)
+    corrected = x + ca.fmin(period, _longest(system, equation)) * (pulled + felt)
     used = sorted(set(ca.jacobian_sparsity(ca.vertcat(rates, residual), theta).get_col()))
     few = ca.SX.sym("theta", len(used))
     placed = ca.SX.zeros(theta.shape[0])
@@ -131,6 +133,13 @@ def cut(system: System, assembled: Assembled, static: Assembled, equation: Equat
     return Part(
         own, equation.channels, names, observe, ca.Function("rates", given, [rates]), slopes, switches
     )
+
+
+def _longest(system: System, equation: Equation) -> float:
+    """Return for how long a sample may hold an equation to its recording, s; a longer pull overshoots."""
+    states = {name: str(system.channel(name).state) for name in equation.gains}
+    largest = max((gains.get(states[name], 0.0) for name, gains in equation.gains.items()), default=0.0)
+    return MOST_PULLED / largest if largest > 0 else math.inf
 
 
 class _Seen:

@@ -218,6 +218,8 @@ class CurveFit:
         gradient = np.concatenate([self._weight * self._deviation, np.zeros(knots)])
         hessian[np.ix_(where, where)] += matrix @ matrix.T
         gradient[where] += matrix @ self._residuals[0]
+        if not np.isfinite(hessian).all():  # derivatives ran away: nothing can be told from them
+            hessian, gradient = np.diag(weight**2), np.zeros(len(weight))
         covariance = np.linalg.pinv(hessian, hermitian=True)
         step = -covariance @ gradient
         left = [
