@@ -224,10 +224,9 @@ def _check_held(system: System, floors: Values, recordings: Sequence[Recording])
         spans = [float(np.ptp(one.signals[channel.name])) for one in recordings]
         if floors.get(channel.name, 0.0) > max(spans) > 0:
             raise OrthosisError(
-                f"{channel.name}: noise grows in the replay until it is as large as all that was recorded"
-                f" ({channel.report_factor * max(spans):.3g} {channel.report_unit}): the model leaves its recording faster than that holds it,"
-                " as something unstable does; a system of your own takes larger"
-                f" Model(gains={{{channel.name!r}: ...}})"
+                f"{channel.name}: noise grows in the replay until it is as large as all that was recorded:"
+                " the model leaves its recording faster than that holds it, as something unstable does;"
+                f" a system of your own takes larger Model(gains={{{channel.name!r}: ...}})"
             )
 
 

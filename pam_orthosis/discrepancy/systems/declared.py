@@ -7,7 +7,7 @@ from dataclasses import replace
 from pam_orthosis.bag.topics import Topics
 from pam_orthosis.discrepancy.systems.knee import SUSPECTS
 from pam_orthosis.discrepancy.systems.machine_system import machine_system
-from pam_orthosis.discrepancy.systems.suspects import ARMS, VALVE, Suspects, each
+from pam_orthosis.discrepancy.systems.suspects import ARMS, ASSEMBLED, VALVE, Suspects, each
 from pam_orthosis.discrepancy.systems.system import Channel, Source, System
 from pam_orthosis.discrepancy.systems.view import View, from_rows, graph_view
 from pam_orthosis.model.deviations import DEVIATIONS, GAS
@@ -24,6 +24,7 @@ APPARATUS = (
     "effects.",
 )  # keys of the nominal model that recordings share
 SIZES = {"muscle": "length", "cylinder": "area"}  # of an actuator, by its kind
+DAMPING = {"muscle": "force.damping", "cylinder": "damping"}
 MASSES = ("leg.shoe_mass",)  # of the ankle: where it is wrong, all forces are by one factor
 # what may be off in machines of the leg, and in those that carry a person's
 OF_LEG = {"knee": ("moving_mass", "muscle_damping"), "ankle": ("moving_mass", "small_muscle_damping")}
@@ -69,6 +70,7 @@ def coupled_joint(
 
 def _view(machine: Machine, nominal: Parameters) -> View:
     own = {name: (f"{machine.parameters}.{name}",) for name in ("inertia", "damping", "weight")}
+    own |= {name: (key,) for name, key in _dampings(machine).items()}
     return replace(
         graph_view(machine, nominal),
         calibrations=from_rows(nominal, *_tolerances(machine, nominal)),
@@ -86,10 +88,18 @@ def _suspects(machine: Machine, nominal: Parameters) -> Suspects:
     values = nominal.flat()
     loads = (f"{machine.parameters}.{name}" for name in ("inertia", "weight"))
     arms = tuple(f"{one.transmission}.arm" for one in machine.actuators)
+    muscles = [f"{one.transmission}{ASSEMBLED}" for one in machine.actuators if one.kind == "muscle"]
     turns = machine.coordinate.unit == "rad" and all(values.get(key) for key in arms)
     sizes = dict.fromkeys(f"{one.parameters}.{SIZES[one.kind]}" for one in machine.actuators)
-    found = each(*(key for key in loads if values[key]), *sizes, *(arms if turns else ()))
+    assembled = [key for key in muscles if key in values]
+    found = each(*(key for key in loads if values[key]), *sizes, *assembled, *(arms if turns else ()))
     return {**found, **({ARMS: arms} if turns and len(arms) > 1 else {})}
+
+
+def _dampings(machine: Machine) -> dict[str, str]:
+    """Return the key of the damping of each kind of muscle and cylinder, by the name of its deviation."""
+    keys = (f"{one.parameters}.{DAMPING[one.kind]}" for one in machine.actuators)
+    return {f"{key.split('.')[1]}_damping": key for key in keys}
 
 
 def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], dict[str, str]]:
@@ -116,6 +126,9 @@ def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], 
             add("damping", "tolerance.muscle_damping", "the damping, relative")
         if known[f"{machine.parameters}.weight"]:
             add("weight", "tolerance.moving_mass", "the weight, relative")
+        for name, key in _dampings(machine).items():
+            if known[key]:
+                add(name, "tolerance.muscle_damping", f"the {name.replace('_', ' ')}, relative")
     add_each("force", "the {}'s static force, relative")
     for name in GAS:
         add(name, f"tolerance.{name}", f"the {name.replace('_', ' ')}, relative")

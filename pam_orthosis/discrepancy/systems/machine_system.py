@@ -214,7 +214,7 @@ class _Described:
         assembly = assemble(self._hardware(effects, symbols, beside))
         u, time = ca.SX.sym("u", len(self._view.inputs) + len(self._sensed)), ca.SX.sym("time")
         volts = [u[i] + symbols[f"{name}_closed_voltage"] for i, name in enumerate(self._machine.names)]
-        beyond = {"time": time, **dict(zip(self._sensed, ca.vertsplit(u[len(volts) :]), strict=True))}
+        beyond = {"time": time, **dict(zip(self._sensed, ca.vertsplit(u)[len(volts) :], strict=True))}
         inputs = ca.vertcat(*volts, *(beyond.get(name, 0) for name in self._machine.inputs[len(volts) :]))
         measured = self._measured(assembly.signals, symbols)
         measured |= {name: beside[i] for i, name in enumerate(self._motion[:1])}

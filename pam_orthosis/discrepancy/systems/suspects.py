@@ -18,11 +18,12 @@ VALVE = ("valve.supply_pressure", "valve.conductance", "valve.hose.volume")
 TYPICAL = 0.2  # of the nominal value, or of `SPANS`: a mistake to look for
 REACH = 3.0  # times as small or as large as the nominal value, within the row's bounds
 LEAST = 0.03  # of the nominal value, or of the span: a smaller mistake is not worth a name
-SPANS = {"rad": 1.0, "m": 0.2}  # of the values that may be zero or of any sign
+ASSEMBLED = ".contraction"  # of an actuator where the coordinate is zero, m
+# sizes of the values that may be zero or of any sign, by the ends of their keys
+SPANS = {"leg.symmetric_angle": 1.0, "leg.bearing_height": 0.2, ASSEMBLED: 0.05}
 MASSES, ARMS = "leg.masses", "machine.arms"
 OF_MASSES = {MASSES: DEVIATIONS["moving_mass"]}
 WITHIN = {"valve.conductance": "valve_curve_misfit", "valve.hose.volume": "volume_misfit"}
-ABSOLUTE = ("leg.symmetric_angle", "leg.bearing_height")
 VALUE = "value"
 
 # what may be wrong -> keys of the parameters that it multiplies; none: it is the key of the one
@@ -87,8 +88,9 @@ def _row(nominal: Parameters, key: str, of: Sequence[str]) -> Row:
 def _suspect(nominal: Parameters, key: str, of: Sequence[str]) -> Effect:
     row = _row(nominal, key, of)
     value = cast(float, row.value)
-    size = SPANS[row.unit] if key in ABSOLUTE else abs(value)
-    low, high = (value - size, value + size) if key in ABSOLUTE else sorted((value / REACH, value * REACH))
+    span = next((size for end, size in SPANS.items() if key.endswith(end)), None)
+    size = abs(value) if span is None else span
+    low, high = (value - size, value + size) if span else sorted((value / REACH, value * REACH))
     quantity = Quantity(
         VALUE,
         value + TYPICAL * size,
