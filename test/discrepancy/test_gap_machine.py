@@ -4,6 +4,7 @@
 import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -125,6 +126,27 @@ def test_what_a_machine_moves_and_its_arms_may_be_wrong(tmp_path, arms, weight, 
     expected = (named - {"arms"}) | (each | {both} if "arms" in named else set()) | always
     assert {what for what in system.wrong.values() if what not in VALVE} == expected
     assert ("weight" in {one.name for one in system.calibrations}) == bool(weight)
+
+
+def test_the_damping_of_each_actuator_is_recalibrated(tmp_path, machine_files):
+    text = SLIDE.replace("volume: 2.0e-5, length: 0.3,\n", "volume: 2.0e-5, damping: 60.0, length: 0.3,\n")
+    (tmp_path / "own.yaml").write_text(text, encoding="utf-8")
+    slide, elbow = (read_machine(one) for one in (tmp_path / "own.yaml", machine_files["elbow"]))
+    of_slide, of_elbow = (declared_machine(one, load(machine=one)) for one in (slide, elbow))
+    assert {"damping", "pull_damping"} == {n.name for n in of_slide.calibrations if "damping" in n.name}
+    assert {"damping", "dmsp_20_damping"} == {n.name for n in of_elbow.calibrations if "damping" in n.name}
+    check_system(of_slide)
+    assembled = {f"machine.{name}.transmission.contraction" for name in ("biceps", "triceps")}
+    assert assembled < set(of_elbow.wrong.values())
+    assert not any("contraction" in what for what in of_slide.wrong.values())
+
+
+def test_a_machine_of_one_actuator_is_searched(tmp_path):
+    (tmp_path / "one.yaml").write_text(re.sub("  pull: .*\n.*\n", "", SLIDE), encoding="utf-8")
+    one = read_machine(tmp_path / "one.yaml")
+    system = declared_machine(one, load(machine=one))
+    check_system(system)
+    assert (one.names, system.inputs) == (("push",), ("push_voltage",))
 
 
 def test_a_wrong_mass_is_named_and_not_two_forces(machine, tmp_path, capsys):

@@ -216,8 +216,9 @@ class CurveFit:
         weight = np.concatenate([self._weight, *[1 / bound for bound in bounds]])
         hessian = np.diag(weight**2 + 1e-12)
         gradient = np.concatenate([self._weight * self._deviation, np.zeros(knots)])
-        hessian[np.ix_(where, where)] += matrix @ matrix.T
-        gradient[where] += matrix @ self._residuals[0]
+        with np.errstate(over="ignore", invalid="ignore"):
+            hessian[np.ix_(where, where)] += matrix @ matrix.T
+            gradient[where] += matrix @ self._residuals[0]
         if not np.isfinite(hessian).all():  # derivatives ran away: nothing can be told from them
             hessian, gradient = np.diag(weight**2), np.zeros(len(weight))
         covariance = np.linalg.pinv(hessian, hermitian=True)
