@@ -25,6 +25,7 @@ from pam_orthosis.tables import is_table, names_of
 
 MOST_NAMED = 3  # parameters in one line
 TOLERANCE, LEARNED = "gap.tolerance.", "gap.learned."
+GAINS = tuple(f"gap.replay.{of}_gain" for of in ("angle", "velocity", "pressure"))
 EXTENSOR, FLEXOR = "extensor_", "flexor_"  # of a knee; each actuator of another machine has the extensor's
 
 
@@ -100,6 +101,8 @@ def _of_system(file: Path, model: Path | None) -> Nominal:
         raise OrthosisError(
             f"{model}: {tolerances[0]} is of a machine; {file} has the tolerances of its parameters"
         )
+    if gains := [key for key in GAINS if key in settings]:
+        raise OrthosisError(f"{model}: {gains[0]} is of a machine; {file} gives its own by Model(gains=...)")
     system = load_system(file)
     if changes:
         if system.changed is None:

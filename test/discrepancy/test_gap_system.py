@@ -273,6 +273,9 @@ def test_gap_refuses_a_file_that_is_none_and_a_model_beside_it(tables, tmp_path,
     model.write_text("gap.tolerance.person_mass: 0.1\n")
     assert main(["gap", tables[0], "--system", str(CARRIAGE), "--model", str(model)]) == 2
     assert f"{CARRIAGE} has the tolerances of its parameters" in capsys.readouterr().err
+    model.write_text("gap.replay.angle_gain: 12.0\n")
+    assert main(["gap", tables[0], "--system", str(CARRIAGE), "--model", str(model)]) == 2
+    assert f"{CARRIAGE} gives its own by Model(gains=...)" in capsys.readouterr().err
 
 
 def test_what_a_file_prints_is_no_answer(tmp_path, capsys):
