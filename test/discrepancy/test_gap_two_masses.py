@@ -157,8 +157,9 @@ def test_a_parameter_without_tolerance_or_influence_is_no_candidate():
     exact = [Parameter(name, NOMINAL[name], UNITS[name], 0.0, name) for name in NOMINAL]
     system = _system(parameters=[*exact, Parameter("unused", 1.0, "m", 0.1, "nowhere")])
     assert not system.wrong
-    late = {"inputs_delay", "force_delay", "other_delay", "x_delay", "y_delay", "x_lag", "y_lag"}
-    assert set(system.catalogue) == {"friction", *late}
+    late = {"inputs_delay", *(f"{name}_delay" for name in ("force", "other", "x", "y"))}
+    lags = {f"{name}_lag" for name in ("force", "other", "x", "y")}
+    assert set(system.catalogue) == {"friction", *late, *lags, "x_zero", "y_zero"}
 
 
 def test_a_model_without_any_tolerance_is_searched_too():

@@ -240,7 +240,15 @@ def test_a_system_of_ones_own_is_one_file(tmp_path):
     system = load_system(file)
     assert (system.inputs, list(system.catalogue)) == (
         ("current",),
-        ["friction", "wrong_mass", "wrong_motor", "wrong_damping", "inputs_delay", "position_lag"],
+        [
+            "friction",
+            "wrong_mass",
+            "wrong_motor",
+            "wrong_damping",
+            "inputs_delay",
+            "position_lag",
+            "inputs_lag",
+        ],
     )
     assert [equation.name for equation in system.equations] == ["dynamics"]
     assert system.places["friction"]

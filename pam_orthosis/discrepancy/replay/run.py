@@ -112,8 +112,9 @@ class Run:
         return [np.append(np.diff(one), 0.0) / self.period for one in slopes]
 
     def states(self, part: Part, places: np.ndarray) -> np.ndarray:
-        """Return the states at some samples, (k, states): as measured, effect states at rest."""
-        signals = self.base_states
+        """Return the states at some samples, (k, states): as measured, effect states at rest or as inputs."""
+        followed = {state: self._inputs[name] for state, name in self._system.begins.items()}
+        signals = {**self.base_states, **followed}
         rest = np.zeros(len(places))
         return np.column_stack([signals[name][places] if name in signals else rest for name in part.own])
 

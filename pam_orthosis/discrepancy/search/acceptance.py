@@ -8,18 +8,20 @@ from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search.confirmation import (
     EMPTY,
+    SLOW,
     SURE,
     Seen,
     at_values,
     confirmed,
     emptied,
+    is_slow,
     is_too_small,
     is_visible,
     least_size,
     leaves_noise_alone,
 )
 from pam_orthosis.discrepancy.search.selection import Ranking, Step
-from pam_orthosis.discrepancy.systems.system import Values
+from pam_orthosis.discrepancy.systems.system import System, Values
 
 
 def accepted(
@@ -44,6 +46,8 @@ def accepted(
         elif empty := emptied(problem.system, name, model):
             reason = f"{name} {EMPTY}: {at_values(problem.system, model, empty)}"
             closes = _closed(problem.weighted(weighted.weights), base, model)
+        elif is_slow(problem, name, model):
+            reason = f"{name} {SLOW}: {at_values(problem.system, model, [_size(problem.system, name)])}"
         elif seen.shows or _is_known(problem, base, (evidence, weighted, model), seen):
             return Step(name, model, weighted, evidence, seen.t, ranked, "accepted", gains)
         else:
@@ -51,6 +55,10 @@ def accepted(
         step = Step(None, None, None, evidence, seen.t, ranked, reason, gains, blocked)
         refused.append(replace(step, closes=closes))
     return refused[0]
+
+
+def _size(system: System, name: str) -> str:
+    return f"{name}.{system.catalogue[name].fitted[0].name}"
 
 
 def _closed(problem: Problem, base: Fit, model: Fit) -> float:

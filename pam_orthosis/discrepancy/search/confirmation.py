@@ -10,6 +10,7 @@ import numpy as np
 from pam_orthosis.discrepancy.fitting.candidates import Candidate
 from pam_orthosis.discrepancy.fitting.fit import Fit, fit, prior_cost, score
 from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.systems.implied import is_lag
 from pam_orthosis.discrepancy.systems.system import Equation, System
 
 BLOCK = 1.0  # s, of paired differences on held-out recordings
@@ -24,6 +25,8 @@ MOST_AGAINST = 9.0  # their rise that speaks against it
 EARLIEST = -1e-3  # s: what acts earlier, acts before its input
 EMPTY = "would not be what its name says"
 LONGEST = ", the longest delay that is tried: give the model what is known of it"
+MOST_OF_RECORDING = 0.5  # that a lag may last: what follows more slowly is a zero, or a drift
+SLOW = "would follow so slowly that it may be a zero or a drift"
 MOST_SHOWN = 3  # parameters in one line
 REFIT_NULL = 10.0  # the smaller model is refitted with the larger one's weights below this ratio
 
@@ -169,6 +172,14 @@ def emptied(system: System, name: str, model: Fit) -> tuple[str, ...]:
         if known + effect.late(SimpleNamespace(**own)) < EARLIEST:
             return tuple(f"{name}.{q}" for q in own)
     return tuple(f"{name}.{q.name}" for q in effect.parameters if q.is_empty(own[q.name]))
+
+
+def is_slow(problem: Problem, name: str, model: Fit) -> bool:
+    """Return whether an effect is a lag that no recording is long enough to tell from a zero or a drift."""
+    effect = problem.system.catalogue[name]
+    longest = max(one.run.recording.samples * one.run.period for one in problem.scored)
+    size = model.values[f"{name}.{effect.fitted[0].name}"]
+    return is_lag(effect) and size > MOST_OF_RECORDING * longest
 
 
 def at_values(system: System, model: Fit, keys: Sequence[str]) -> str:

@@ -9,12 +9,16 @@ from pam_orthosis.discrepancy.fitting.free import free_parameters, scales_of
 from pam_orthosis.discrepancy.fitting.refit import details_of, refined_in, without_details
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search import quiet, selection
-from pam_orthosis.discrepancy.search.confirmation import emptied, weighed
+from pam_orthosis.discrepancy.search.confirmation import emptied, is_slow, weighed
 from pam_orthosis.discrepancy.search.findings import covariance, deviations, interval
 from pam_orthosis.discrepancy.search.selection import Selection
+from pam_orthosis.discrepancy.systems.implied import is_lag
 from pam_orthosis.discrepancy.systems.system import Values
+from pam_orthosis.model.effects.base import Effect
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress
+
+WHOLE = 0.9  # of its range: an interval as wide tells no size
 
 
 def eliminate_weak(found: Selection, settings: Section, progress: Progress) -> None:
@@ -77,7 +81,7 @@ def _drop(found: Selection, name: str, losses: Mapping[str, tuple[float, Fit]]) 
 
 
 def _unsized(found: Selection) -> str | None:
-    """Return the least evident of the effects whose interval holds the size at which they vanish, if any.
+    """Return the least evident of the effects whose interval tells no size, if any.
 
     Its details are no reason: what a size is worth may depend on a detail that recordings do not show.
     """
@@ -86,16 +90,23 @@ def _unsized(found: Selection) -> str | None:
     for name in set(found.final.effects) - set(system.shapes):
         model = held(found.final, details_of(system, name))
         deviation = deviations(system, model, covariance(found.final_problem, model))
-        size = system.catalogue[name].fitted[0]
-        low, high = interval(model, deviation, f"{name}.{size.name}")
-        if size.neutral is not None and low <= size.neutral <= high:
+        effect = system.catalogue[name]
+        if _tells_nothing(effect, *interval(model, deviation, f"{name}.{effect.fitted[0].name}")):
             unsized.append(name)
     return min(unsized, key=lambda name: found.evidence[name], default=None)
 
 
+def _tells_nothing(effect: Effect, low: float, high: float) -> bool:
+    """Whether an interval holds the size at which an effect vanishes, or nearly all that it may be."""
+    size = effect.fitted[0]
+    none = size.minimum if is_lag(effect) else size.neutral
+    return (none is not None and low <= none <= high) or high - low >= WHOLE * (size.maximum - size.minimum)
+
+
 def _empty(found: Selection, losses: Mapping[str, tuple[float, Fit]]) -> str | None:
     """Return the least evident of the effects that are not what their names say, if any."""
-    empty = [name for name in losses if emptied(found.problem.system, name, found.final)]
+    problem, final = found.problem, found.final
+    empty = [name for name in losses if emptied(problem.system, name, final) or is_slow(problem, name, final)]
     return min(empty, key=lambda name: losses[name][0], default=None)
 
 

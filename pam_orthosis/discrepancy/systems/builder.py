@@ -14,14 +14,7 @@ from typing import Any
 import casadi as ca
 
 from pam_orthosis.discrepancy.systems.changes import ON, UNKNOWN, Curve, changed, check_known, check_numbers
-from pam_orthosis.discrepancy.systems.implied import (
-    lagging_channel,
-    late_channel,
-    late_input,
-    late_inputs,
-    parameter_of,
-    wrong_parameter,
-)
+from pam_orthosis.discrepancy.systems.implied import channel_of, implied, input_of, is_zero, parameter_of
 from pam_orthosis.discrepancy.systems.soundness import check_free
 from pam_orthosis.discrepancy.systems.system import Calibration, Channel, Equation, Source, System
 from pam_orthosis.discrepancy.systems.tracing import TIME, Traced
@@ -75,7 +68,7 @@ class Parameter:
 class Model:
     """What is known of an apparatus, and which effects may be missing; `system()` makes it searchable.
 
-    Each parameter with a tolerance may be wrong too, and the inputs late: see `implied`.
+    Each parameter with a tolerance may be wrong too, inputs late, sensors off: see `implied`.
 
     Attributes:
         name: in reports.
@@ -149,6 +142,7 @@ class Model:
             simpler={name: partial(self._without, name) for name in self.present},
             input_units={one.name: one.unit for one in self.inputs},
             input_noise={one.name: one.noise for one in self.inputs},
+            begins={one.states[0]: name for one in self.implied if (name := input_of(one))},
             gradual=tuple(one.name for one in self.inputs if not one.held),
             sources=self.sources,
             ambient=self.ambient,
@@ -186,6 +180,11 @@ class Model:
             if effect.late is not None:
                 felt = needs[equation.name]
                 return effect.late_of in felt if effect.late_of else bool(felt)
+            if name := input_of(effect):
+                return name in needs[equation.name]
+            if is_zero(effect):
+                shown = system.channel(channel_of(effect))
+                return traced.counts_from_zero(system, equation, shown)
             key = parameter_of(effect)
             enters = traced.symbol(key) if key else traced.marks[effect.stage]
             return any(traced.depends(system, equation, enters))
@@ -197,17 +196,8 @@ class Model:
 
     @cached_property
     def implied(self) -> tuple[Effect, ...]:
-        """What may be missing in any system: other values of parameters, what is late, sensors that lag.
-
-        An effect of the model that has such a name is meant by it. A channel that is alone is late as the
-        inputs are early.
-        """
-        found = [wrong_parameter(one) for one in self.parameters if one.tolerance]
-        found += [late_inputs(self.inputs)] if self.inputs else []
-        found += [late_input(one) for one in self.inputs] if len(self.inputs) > 1 else []
-        shown = [one for one in self.channels if one.state is not None]
-        found += [late_channel(one) for one in shown] if len(self.channels) > 1 else []
-        found += [lagging_channel(one) for one in shown]
+        """What may be missing in any system; an effect of the model that has such a name is meant by it."""
+        found = implied(self)
         return tuple(one for one in found if one.name not in {effect.name for effect in self.effects})
 
     @cached_property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be wrong with any apparatus that a user describes: parameters, and the times of its signals."""
+"""What may be wrong with any apparatus that a user describes: parameters, sensors, times of its signals."""
 
 from __future__ import annotations
 
@@ -12,15 +12,37 @@ from pam_orthosis.model.effects import pade
 from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
 if TYPE_CHECKING:
-    from pam_orthosis.discrepancy.systems.builder import Input, Parameter
+    from pam_orthosis.discrepancy.systems.builder import Input, Model, Parameter
     from pam_orthosis.discrepancy.systems.system import Channel
 
 WRONG, DELAY, LAG, MEASURED = "wrong_", "inputs_delay", "_lag", "measured_"
+ALL, FOLLOWS, OFFSET = "inputs", "_follows", "offset"
 LEAST, TYPICAL, REACH = 3.0, 6.0, 100.0  # tolerances: worth a name, to look for, and at most
 LONGEST = 0.5  # s
 STARTS = 0.005, -0.005, -0.02, 0.05, -0.05, 0.1, 0.2, 0.35  # s
 SHORTEST, SLOWEST = 5.0e-4, 30.0  # s, of a sensor's delay or lag
+LEAST_ZERO, FARTHEST_ZERO = 0.01, 1.0e4  # units of reports: what tables show, and at most
 SOURCE = "a mistake that any apparatus may have"
+
+
+def implied(model: Model) -> list[Effect]:
+    """Return what may be missing in any system: values of parameters, delays, lags, zeros of sensors.
+
+    A channel that is alone is late as the inputs are early. What a user says of what a sensor shows, he knows
+    of its zero.
+    """
+    inputs, channels, stages = model.inputs, model.channels, {one.stage for one in model.effects}
+    several = inputs if len(inputs) > 1 else ()
+    shown = [one for one in channels if one.state is not None]
+    return [
+        *(wrong_parameter(one) for one in model.parameters if one.tolerance),
+        *([late_inputs(inputs)] if inputs else []),
+        *(late_input(one) for one in several),
+        *(late_channel(one) for one in shown if len(channels) > 1),
+        *(lagging_channel(one) for one in shown),
+        *(lagging_input(one.name, one.name if several else ALL) for one in inputs),
+        *(zero(one, model.limits.get(one.name)) for one in channels if f"{MEASURED}{one.name}" not in stages),
+    ]
 
 
 def wrong_parameter(one: Parameter) -> Effect:
@@ -40,7 +62,7 @@ def wrong_parameter(one: Parameter) -> Effect:
 
 def parameter_of(effect: Effect) -> str:
     """Return the parameter that one of these candidates takes to be wrong; empty if none."""
-    return "" if effect.stage or effect.late else effect.name.removeprefix(WRONG)
+    return "" if effect.stage or effect.states else effect.name.removeprefix(WRONG)
 
 
 def late_inputs(inputs: Sequence[Input]) -> Effect:
@@ -103,6 +125,53 @@ def lagging_channel(channel: Channel) -> Effect:
         starts=({"time": 0.002}, {"time": 0.2}, {"time": 2.0}),
         minimum_effect=3.0e-4,
     )
+
+
+def lagging_input(name: str, what: str) -> Effect:
+    """Return the candidate that what an input drives follows it by a lag of the first order."""
+    return Effect(
+        f"{what}{LAG}",
+        "",  # it enters where inputs are read
+        (Quantity("time", 0.02, "s", SHORTEST, SLOWEST, f"time constant with which {name} acts"),),
+        lambda *_: Contribution({}),
+        physics=f"A valve, a drive or an amplifier follows {name}.",
+        source=SOURCE,
+        states=(f"{name}{FOLLOWS}",),
+        starts=({"time": 0.002}, {"time": 0.2}, {"time": 2.0}),
+        minimum_effect=3.0e-4,
+    )
+
+
+def is_lag(effect: Effect) -> bool:
+    """Return whether an effect is one of these candidates that follow by a lag of the first order."""
+    return bool(effect.states) and effect.source == SOURCE and effect.name.endswith(LAG)
+
+
+def input_of(effect: Effect) -> str:
+    """Return the input that acts by a lag with one of these candidates; empty if none does."""
+    lags = not effect.stage and effect.late is None and effect.states
+    return effect.states[0].removesuffix(FOLLOWS) if lags else ""
+
+
+def zero(channel: Channel, limits: tuple[float, float] | None) -> Effect:
+    """Return the candidate that a channel shows a constant more than there is, or less."""
+    # a factor that is none is refused later, in words
+    stage, unit = f"{MEASURED}{channel.name}", 1.0 / (abs(channel.report_factor) or 1.0)
+    reach = limits[1] - limits[0] if limits else FARTHEST_ZERO * unit
+    return Effect(
+        f"{channel.name}_zero",
+        stage,
+        (Quantity(OFFSET, min(unit, 0.1 * reach), channel.unit, -reach, reach, f"of {channel.name}", 0.0),),
+        lambda _s, p, _own: Contribution({stage: p.offset}),
+        physics="The zero of a sensor has moved, or was not set.",
+        source=SOURCE,
+        minimum_effect=LEAST_ZERO * unit,
+    )
+
+
+def is_zero(effect: Effect) -> bool:
+    """Return whether one of these candidates is a sensor's zero."""
+    return bool(effect.stage) and not effect.states
 
 
 def channel_of(effect: Effect) -> str:

@@ -168,7 +168,8 @@ class System:
         unusable: experiments that effects name and whose recordings cannot be searched.
         places: effect -> the equation in which it shows, where the effect does not name it itself.
         input_units, input_noise: input -> its unit (V); sd of what is recorded (`gap.replay.input_noise`).
-        gradual: inputs that run straight from each sample to the next; others keep their value until then.
+        begins: state of an effect -> the input at whose value it begins; others begin at 0.
+        gradual: inputs that run straight from sample to sample; others keep their value until the next.
         sensed: inputs that a sensor measures: no delay of the others is theirs, recordings show their noise.
         entries: channel -> how something unknown may enter, if not as a rate alone; pushes as the first one.
         wrong: candidate -> key of the parameter that it takes to be wrong; see `recalibrating`.
@@ -203,6 +204,7 @@ class System:
     places: Mapping[str, str] = field(default_factory=dict)
     input_units: Mapping[str, str] = field(default_factory=dict)
     input_noise: Mapping[str, float] = field(default_factory=dict)
+    begins: Mapping[str, str] = field(default_factory=dict)
     gradual: tuple[str, ...] = ()
     sensed: tuple[str, ...] = ()
     sources: Mapping[str, Source] = field(default_factory=dict)

@@ -14,9 +14,17 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from pam_orthosis.discrepancy.systems.cut import closure
-from pam_orthosis.discrepancy.systems.implied import channel_of, parameter_of, sensor_rates
+from pam_orthosis.discrepancy.systems.implied import (
+    MEASURED,
+    OFFSET,
+    channel_of,
+    input_of,
+    is_zero,
+    parameter_of,
+    sensor_rates,
+)
 from pam_orthosis.discrepancy.systems.suspects import VALUE
-from pam_orthosis.discrepancy.systems.system import Assembled, Equation, System
+from pam_orthosis.discrepancy.systems.system import Assembled, Channel, Equation, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import Contribution, Effect
 from pam_orthosis.model.effects.described import curve
@@ -110,18 +118,18 @@ class Traced:
 
     def _evaluate(self) -> None:
         model, known = self._model, {name: self._of_state[name] for name in self._model.states}
-        known |= self._inputs() | {TIME: self.time}
+        known = self._true(known) | self._inputs() | {TIME: self.time}
         signals = Signals(known, self._entering)
         values = {one.name: self._value(one) for one in model.parameters}
         self.rates = dict(model.equations(signals, Attributes("parameter", values)))
         _check_keys("rates that the equations return", model.states, self.rates)
         for channel in model.channels:
-            if f"measured_{channel.name}" not in signals:
-                setattr(signals, f"measured_{channel.name}", getattr(signals, channel.state or channel.name))
+            if f"{MEASURED}{channel.name}" not in signals:
+                setattr(signals, f"{MEASURED}{channel.name}", getattr(signals, channel.state or channel.name))
         signals.check_finished()
-        self.measured = {one.name: ca.SX(getattr(signals, f"measured_{one.name}")) for one in model.channels}
+        self.measured = {one.name: ca.SX(getattr(signals, f"{MEASURED}{one.name}")) for one in model.channels}
         for one in self._implied:
-            if shown := channel_of(one):
+            if (shown := channel_of(one)) and one.states:
                 self._effect_rates[one.name] = self._past(one, shown)
         for one in self._on:
             rates = self._effect_rates.get(one.name, ())
@@ -133,6 +141,16 @@ class Traced:
         for name, row in model.curves.items():
             rate = self._last_rate(states[name])
             self.rates[rate] += curve(known[row.coordinate], row.places, row.values)
+
+    def _true(self, states: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+        """Return the states as they are: what is measured counts from its sensor's zero, as recordings do."""
+        off = {channel_of(one): one.name for one in self._implied if is_zero(one)}
+        moved = {
+            one.state: states[one.state] - self._symbols[f"{off[one.name]}.{OFFSET}"]
+            for one in self._model.channels
+            if one.state is not None and one.name in off
+        }
+        return {**states, **moved}
 
     def _last_rate(self, state: str) -> str:
         """Return the state that is the rate of a state, or itself if none is."""
@@ -153,6 +171,11 @@ class Traced:
                 rates = [2 * (inputs[name] - state) / delay for name, state in states.items()]
                 self._effect_rates[one.name] = rates
                 inputs |= {name: 2 * state - inputs[name] for name, state in states.items()}
+        for one in self._implied:
+            if name := input_of(one):
+                state, time = self._of_state[one.states[0]], self._symbols[f"{one.name}.time"]
+                self._effect_rates[one.name] = [(inputs[name] - state) / time]
+                inputs[name] = state
         return inputs
 
     def _past(self, one: Effect, channel: str) -> tuple[Any, ...]:
@@ -216,6 +239,21 @@ class Traced:
         results = ca.vertcat(*(self.rates[n] for n in own), *(self.measured[n] for n in equation.channels))
         used = set(ca.jacobian_sparsity(ca.SX(results), symbols).get_col())
         return [i in used for i in range(symbols.shape[0])]
+
+    def counts_from_zero(self, system: System, equation: Equation, channel: Channel) -> bool:
+        """Return whether an equation shows where a channel's sensor has its zero.
+
+        What is where it was with any zero, as the position of a carriage, has none. A user who gives what a
+        sensor shows parameters has said what may be wrong with it.
+        """
+        if channel.state is None:
+            return channel.name in equation.channels
+        if ca.jacobian_sparsity(self.measured[channel.name], self.theta).nnz():
+            return False
+        others = [self.measured[name] for name in equation.channels if name != channel.name]
+        rates = [self.rates[name] for name in closure(system, self.assembled(), equation)]
+        felt = ca.jacobian_sparsity(ca.SX(ca.vertcat(*rates, *others)), self._of_state[channel.state])
+        return bool(felt.nnz())
 
     def inputs_of(self, system: System, equation: Equation) -> tuple[str, ...]:
         """Return the inputs without which an equation cannot be replayed."""
