@@ -87,6 +87,8 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
         return outcome.of_mistaken(declared)
     if outcome.verdict not in OPEN:
         return _doubted(start, found, outcome)
+    if start.mistaken:  # what is left is of the mistake
+        return _doubted(start, found, outcome.described(None))
     if outcome.foreign or (not outcome.effects and stamped_late(start.system, found.steps)):
         return outcome.described(None)
     progress("describing what is left")

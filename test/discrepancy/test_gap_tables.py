@@ -17,7 +17,8 @@ from pam_orthosis.cli.main import main
 from pam_orthosis.control.loop import ClosedLoop
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer import between
-from pam_orthosis.discrepancy.preparation import beginning, check
+from pam_orthosis.discrepancy.fitting import measure
+from pam_orthosis.discrepancy.preparation import beginning, check, mistakes
 from pam_orthosis.discrepancy.preparation.mistakes import mistake_words
 from pam_orthosis.discrepancy.recordings import stamps
 from pam_orthosis.discrepancy.recordings.columns import read_mapping, signals_of, with_columns
@@ -336,15 +337,31 @@ def test_values_that_cannot_be_are_told_in_the_unit_of_their_column(
         from_csv(table, with_columns(system, read_mapping(mapped)))
 
 
-def test_a_coordinate_of_the_other_sign_that_nothing_forbids_is_named(tmp_path):
-    system = load_system(EXAMPLES / "motor_carriage.py")
-    turned = with_columns(system, read_mapping(["position=-encoder_mm"]))
+@pytest.mark.parametrize("turned", [(), ("position=-encoder_mm",), ("current=-current",)])
+def test_signals_of_the_other_sign_that_nothing_forbids_are_named(tmp_path, turned):
+    known = load_system(EXAMPLES / "motor_carriage.py")
+    system = with_columns(known, read_mapping([*turned])) if turned else known
     table, gap = Path(motor_bench.write(tmp_path / "carriage.csv", 1, 0.0)), load().gap
-    for one, said in ((system, ""), (turned, "with position of the other sign: turn it round by --columns")):
-        start = beginning.begin(one, [from_csv(table, one)], [], gap)
-        assert said in (words := mistake_words(start.held_out, gap.replay.cross_cutoff))
-        assert start.mistaken == bool(words) == bool(said)
-        assert words in ("", *start.remarks)
+    start = beginning.begin(system, [from_csv(table, system)], [], gap)
+    words = mistake_words(start.held_out, gap.replay.cross_cutoff)
+    for name in ("position", "current"):  # nothing else is driven or drives: each does as well as the other
+        asked = f"with {name} of the other sign: turn it round by --columns {name}=-COLUMN"
+        assert (asked in words) == bool(turned)
+    assert start.mistaken == bool(words) == bool(turned)
+    assert [one for one in start.remarks if "fits them" in one] == [words] * bool(turned)
+    assert not (turned and start.stamps)
+
+
+def test_a_replay_that_goes_astray_shows_no_mistake(monkeypatch, tmp_path):
+    system = with_columns(load_system(EXAMPLES / "motor_carriage.py"), read_mapping(["current=-current"]))
+    table, gap = Path(motor_bench.write(tmp_path / "carriage.csv", 1, 0.0)), load().gap
+    start = beginning.begin(system, [from_csv(table, system)], [], gap)
+    assert start.mistaken
+    monkeypatch.setattr(mistakes, "_follows", lambda *_: False)
+    assert not mistake_words(start.held_out, gap.replay.cross_cutoff)
+    monkeypatch.undo()
+    far = measure.Gap({"position": 1.0}, {"position": 9.0, measure.OVERALL: 9.0})
+    assert not mistakes._follows(start.held_out, far), "the carriage moves by much less than 1 m"
 
 
 def test_too_many_missing_rows_are_refused():

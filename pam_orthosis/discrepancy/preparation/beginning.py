@@ -104,9 +104,8 @@ def begin(
     replay = replay or Replay(system)
     check_room([*training, *held_out], replay.workers.jobs)
     skews = shared_skews(system, [*training, *held_out], replay.workers)
-    stamps = remarks_on(system, skews)
     beyond = check.beyond_boxes(system, [*training, *held_out])
-    remarks += [*beyond, *check.unread([*training, *held_out]), *stamps]
+    remarks += [*beyond, *check.unread([*training, *held_out])]
     whole, missing = system, check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)
@@ -124,7 +123,8 @@ def begin(
     cutoff = settings.replay.cross_cutoff
     problem, judge, moved = aligned(problem, null, judge, cutoff)
     mistake = mistake_words(judge, cutoff)
-    remarks += [mistake] * bool(mistake)
+    stamps = [] if mistake else remarks_on(whole, skews)  # a mistake may look like stamps that are off
+    remarks += [mistake] if mistake else stamps
     return Beginning(
         system,
         problem,
@@ -133,7 +133,7 @@ def begin(
         floor,
         tuple(remarks),
         mistaken=bool(mistake),
-        skewed=clearly_off(skews),
+        skewed=not mistake and clearly_off(skews),
         beyond=bool(beyond),
         stamps=tuple(stamps),
         moved=moved,

@@ -18,6 +18,7 @@ from pam_orthosis.discrepancy.systems.system import System
 Signals = Mapping[str, np.ndarray]
 CHECK = "CHECK THE RECORDINGS"
 SUSPECT, BETTER = 20.0, 4.0  # times the noise that most mistakes leave; the factor by which mending helps
+ALIKE = 1.1  # times what the best mending leaves: as good, as of an input and of what alone it drives
 
 
 def mistake_words(held_out: Problem, cutoff: float) -> str:
@@ -36,12 +37,19 @@ def mistake_words(held_out: Problem, cutoff: float) -> str:
     words = min(fits, key=lambda one: fits[one], default="")
     if not words or not fits[words] * BETTER <= own:
         return ""
-    return f"{CHECK}: the model as configured fits them {own / fits[words]:.1f} times better {words}"
+    others = [one for one in fits if one != words and fits[one] < ALIKE * fits[words]]
+    told = "; or as well ".join([words, *others])
+    return f"{CHECK}: the model as configured fits them {own / fits[words]:.1f} times better {told}"
 
 
 def _gap(held_out: Problem) -> float:
+    """Return how many times the noise the model as configured leaves."""
+    return _gap_of(held_out).white[measure.OVERALL]
+
+
+def _gap_of(problem: Problem) -> measure.Gap:
     """Return the gap of the model as configured."""
-    return measure.gap_at(held_out, (), held_out.replay.defaults(())).white[measure.OVERALL]
+    return measure.gap_at(problem, (), problem.replay.defaults(()))
 
 
 def _fit(held_out: Problem, changed: list[Signals], cutoff: float) -> float:
@@ -50,11 +58,23 @@ def _fit(held_out: Problem, changed: list[Signals], cutoff: float) -> float:
         Scored(_run(held_out.system, one, signals, cutoff), one.whiten, one.warm_up)
         for one, signals in zip(held_out.scored, changed, strict=True)
     ]
+    problem = Problem(held_out.replay, scored)
     with np.errstate(all="ignore"):
-        overall = _gap(Problem(held_out.replay, scored))
+        left = _gap_of(problem)
     for one in scored:
         held_out.replay.forget(one.run)
-    return overall if np.isfinite(overall) else np.inf
+    overall = left.white[measure.OVERALL]
+    return overall if np.isfinite(overall) and _follows(problem, left) else np.inf
+
+
+def _follows(problem: Problem, left: measure.Gap) -> bool:
+    """Return whether a model that leaves so much predicts each channel better than its mean does.
+
+    Of replays that go astray one is always far better than another.
+    """
+    recorded = [one.run.recording.signals for one in problem.scored]
+    usual = {name: np.mean([np.var(signals[name]) for signals in recorded]) for name in left.units}
+    return all(left.units[name] ** 2 < usual[name] for name in usual)
 
 
 def _run(system: System, one: Scored, signals: Signals, cutoff: float) -> Run:
@@ -84,8 +104,8 @@ def _mistakes(system: System, recorded: list[Signals]) -> Iterator[tuple[str, li
         added = f"with {system.ambient / 1e5:.3f} bar added to {' and '.join(gauge)}"
         asked = f"{added}: gauge, it seems, where absolute pressure is needed"
         yield asked, [{name: signals[name] + system.ambient for name in gauge} for signals in recorded]
-    coordinates = [one.name for one in system.channels if one.state in system.derived.values()]
-    yield from (_turned(name, recorded) for name in coordinates)
+    signed = [name for name in _signed(system) if all(name in signals for signals in recorded)]
+    yield from (_turned(name, recorded) for name in signed)
     pairs = [names for names in (pressures, voltages) if len(names) == 2]
     for chosen in (*([one] for one in pairs), pairs if len(pairs) > 1 else []):
         if chosen and all(name in signals for signals in recorded for names in chosen for name in names):
@@ -97,3 +117,15 @@ def _mistakes(system: System, recorded: list[Signals]) -> Iterator[tuple[str, li
             )
     backwards = "with the last row first: does time run backwards, or has an input the other sign?"
     yield backwards, [{name: values[::-1] for name, values in signals.items()} for signals in recorded]
+
+
+def _signed(system: System) -> list[str]:
+    """Return the signals that may have the other sign: coordinates, and all of a user's own system.
+
+    Inputs that a sensor measures are looked at in any case. A user's sensors and amplifiers are unknown;
+    pressures and valves of a machine have one sign.
+    """
+    if system.input_period:
+        return [one.name for one in system.channels if one.state in system.derived.values()]
+    inputs = [name for name in system.inputs if name not in system.sensed]
+    return [*(one.name for one in system.channels), *inputs]
