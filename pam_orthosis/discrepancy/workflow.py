@@ -4,9 +4,10 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
+from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement, remarks_on_contradiction
 from pam_orthosis.discrepancy.answer.between import declared_otherwise, remarks_on_inputs, stamped_late
-from pam_orthosis.discrepancy.answer.judgement import OPEN, Outcome, outcome_of
+from pam_orthosis.discrepancy.answer.clocks_doubted import without_doubtful_stamps
+from pam_orthosis.discrepancy.answer.judgement import GOOD, OPEN, Outcome, outcome_of
 from pam_orthosis.discrepancy.answer.patch import DESCRIBED
 from pam_orthosis.discrepancy.answer.ratios import of_ratios
 from pam_orthosis.discrepancy.answer.standing import standing
@@ -63,12 +64,20 @@ def search(start: Beginning, settings: Section, progress: Progress = silent) -> 
         OrthosisError: a fit has no minimum; it says what mistake the recordings seem to have, if any.
     """
     try:
-        return _searched(start, settings, progress)
+        return _compared(start, _searched(start, settings, progress), settings.replay.cross_cutoff)
     except OrthosisError as error:
         if not start.mistaken:
             raise
         mistake = next(one for one in start.remarks if one.startswith(CHECK))
         raise OrthosisError(f"{mistake} ({error})") from error
+
+
+def _compared(start: Beginning, outcome: Outcome, cutoff: float) -> Outcome:
+    """Return an outcome that leaves something with what recordings say of it: are some, or stamps, off?"""
+    if outcome.verdict in GOOD or start.mistaken:
+        return outcome
+    outcome = without_doubtful_stamps(start, outcome, cutoff)
+    return replace(outcome, remarks=(*outcome.remarks, *remarks_on_contradiction(start)))
 
 
 def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcome:

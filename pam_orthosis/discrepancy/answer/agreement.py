@@ -4,9 +4,16 @@
 import numpy as np
 
 from pam_orthosis.discrepancy.fitting.fit import Fit
+from pam_orthosis.discrepancy.fitting.measure import OVERALL
+from pam_orthosis.discrepancy.fitting.refit import recalibrated
+from pam_orthosis.discrepancy.preparation.beginning import Beginning
 from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.errors import OrthosisError
+from pam_orthosis.progress import silent
 
 LITTLE, MUCH = 1.5, 5.0  # times the noise in the channel where it is most
+WORSE = 1.5  # times what the nominal model leaves
+MOST_TRIED = 6  # recordings: each one costs a recalibration
 
 
 def remarks_on_agreement(fitted: Problem, held_out: Problem, model: Fit) -> list[str]:
@@ -20,6 +27,73 @@ def remarks_on_agreement(fitted: Problem, held_out: Problem, model: Fit) -> list
         f"the model leaves {most:.1f} times the noise in what it was fitted to, and {much}: is that of"
         " another apparatus, or of another state of it?"
     ]
+
+
+def remarks_on_contradiction(start: Beginning) -> list[str]:
+    """Return remarks if recordings to fit contradict each other, or those that judge."""
+    nominal, after = start.configured().white[OVERALL], start.recalibrated().white[OVERALL]
+    remarks = _apart(start)
+    if after > WORSE * max(nominal, 1.0):
+        remarks.append(
+            f"recalibration makes held-out recordings worse: {after:.1f} times the noise for {nominal:.1f} of"
+            " the nominal model; what was fitted does not hold for them"
+        )
+    return remarks
+
+
+def _apart(start: Beginning) -> list[str]:
+    """Return a remark on the recording without which all others, those that judge too, fit far better.
+
+    Else on the only one that a recalibrated model fits by itself.
+    """
+    every = start.problem.scored
+    if not 1 < len(every) <= MOST_TRIED or max(_all_left(start, start.null).values()) < MUCH:
+        return []
+    names = [one.run.recording.name for one in every]
+    for i, name in enumerate(names):
+        if words := _without(start, name, [*range(i), *range(i + 1, len(every))]):
+            return [words]
+    alone = [words for i, name in enumerate(names) if (words := _alone(start, name, i))]
+    return alone if len(alone) == 1 else []
+
+
+def _without(start: Beginning, name: str, others: list[int]) -> str:
+    """Return what is said of a recording without which the others fit far better; empty if they do not."""
+    left = _all_left(start, start.null)
+    now = _all_left(start, _recalibrated_to(start, others))
+    before, rest = (max(value for of, value in found.items() if of != name) for found in (left, now))
+    if MUCH * rest > min(before, now[name]):
+        return ""
+    return (
+        f"{name} stands apart: recalibrated without it, the model leaves at most {rest:.1f} times the noise in"
+        f" the others ({before:.1f} with it), and {now[name]:.0f} times in it; try without it"
+    )
+
+
+def _alone(start: Beginning, name: str, place: int) -> str:
+    """Return what is said of a recording that the model fits by itself, and no other one; empty if not."""
+    now = _all_left(start, _recalibrated_to(start, [place]))
+    least = min(value for of, value in now.items() if of != name)
+    if now[name] > LITTLE or least < MUCH:
+        return ""
+    return (
+        f"{name} stands apart: recalibrated to it alone, the model leaves {now[name]:.1f} times the noise in"
+        f" it, and {least:.0f} times or more in the others: what is missing does not show in it; try without"
+        " it"
+    )
+
+
+def _recalibrated_to(start: Beginning, places: list[int]) -> Fit:
+    """Return the model recalibrated to some of the recordings; the one of all if these have no minimum."""
+    try:
+        return recalibrated(start.problem.on([start.problem.scored[i] for i in places]), silent)[1]
+    except OrthosisError:
+        return start.null
+
+
+def _all_left(start: Beginning, model: Fit) -> dict[str, float]:
+    """Return what `_left` does of recordings to fit and those that judge."""
+    return {**_left(start.problem, model), **_left(start.held_out, model)}
 
 
 def _left(problem: Problem, model: Fit) -> dict[str, float]:

@@ -15,7 +15,7 @@ from pam_orthosis.discrepancy.preparation.glitches import without_glitches
 from pam_orthosis.discrepancy.preparation.mistakes import mistake_words
 from pam_orthosis.discrepancy.recordings.data import Recording
 from pam_orthosis.discrepancy.recordings.memory import check_room
-from pam_orthosis.discrepancy.recordings.stamps import clearly_off, remarks_on, shared_skews
+from pam_orthosis.discrepancy.recordings.stamps import Found, clearly_off, remarks_on, shared_skews
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
@@ -43,6 +43,7 @@ class Beginning:
         skewed: whether one says that stamps are clearly off.
         beyond: whether one says that they leave what the model's maps know.
         stamps: those that say that stamps are off.
+        skews: by how much, of each recording as it was given.
         moved: what to say if an effect over time is named: recordings count from another instant than their
             clocks say; empty if they do not.
         whole: the system with the equations that need inputs which are missing; None: it is `system`.
@@ -59,6 +60,7 @@ class Beginning:
     skewed: bool = False
     beyond: bool = False
     stamps: tuple[str, ...] = ()
+    skews: Found = ()
     moved: str = ""
     whole: System | None = None
     missing: Names = ()
@@ -136,6 +138,7 @@ def begin(
         skewed=not mistake and clearly_off(skews),
         beyond=bool(beyond),
         stamps=tuple(stamps),
+        skews=skews,
         moved=moved,
         whole=whole,
         missing=tuple(missing),
