@@ -3,6 +3,9 @@
 
 import json
 import math
+import signal
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,6 +43,7 @@ from pam_orthosis.discrepancy.api import (
 )
 from pam_orthosis.discrepancy.preparation.beginning import begin
 from pam_orthosis.discrepancy.request import Asked, read_recordings
+from pam_orthosis.discrepancy.systems import foreign
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.systems.rig import test_rig as rig_system
 from pam_orthosis.discrepancy.systems.system import Entry
@@ -197,6 +201,23 @@ MISTAKES = {
         '[Input("current", "A", held=None)',
         "input current: held is None; give True or False",
     ),
+    "p.level * ca.tanh(s.velocity / p.speed)": (
+        "(p.level + 0.3) * ca.tanh(s.velocity / p.speed)",
+        "effect friction: it does not vanish at level = 0, said to be neutral",
+    ),
+    "ca.tanh(s.velocity / p.speed)": ("__import__('math').tanh(s.velocity)", "with friction: a constant in"),
+    "ca.sin(2 * ca.pi / p.pitch * s.position)": (
+        "(1.0 if s.position > 0 else 2.0)",
+        ", line 41: a signal has no value yet, so `if`, `while`, `and`, `or`, min and max cannot look at it",
+    ),
+    'return {"position": s.velocity, "velocity": s.force / p.mass}': (
+        "return s.velocity, s.force / p.mass",
+        'rates that the equations return: give them by name, {"position": ..., "velocity": ...}, not tuple',
+    ),
+    "sources={": (
+        "limits={'position': 1.0}, sources={",
+        "limits of position: 1.0; give the lowest and the hig",
+    ),
 }
 
 
@@ -285,6 +306,54 @@ def test_what_a_file_prints_is_no_answer(tmp_path, capsys):
     assert capsys.readouterr() == ("", "loaded\n")
 
 
+def _changed(folder, right, wrong):
+    """Return a file with another carriage."""
+    text, file = CARRIAGE.read_text(encoding="utf-8"), folder / "own.py"
+    assert right in text
+    file.write_text(text.replace(right, wrong, 1), encoding="utf-8")
+    return file
+
+
+def test_what_an_effect_prints_in_a_search_is_no_answer(tmp_path, capsys):
+    system = load_system(_changed(tmp_path, "-p.level * ca.sin(", "print('called') or -p.level * ca.sin("))
+    assert "called" in capsys.readouterr().err
+    system.assemble(("cogging",))
+    assert capsys.readouterr() == ("", "called\n")
+
+
+def test_a_function_of_numpy_does_what_one_of_casadi_does_without_a_word(tmp_path):
+    file = _changed(tmp_path, "-p.level * ca.tanh(", "-p.level * __import__('numpy').tanh(")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_system(file)
+
+
+ENDLESS = "[0 for _ in iter(int, 1)]"
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "line"),
+    [
+        ("-p.level * ca.sin(", f"{ENDLESS} or (", 41),
+        ("    return Model(", f"    {ENDLESS}\n    return Model(", 50),
+    ],
+    ids=["effect", "system"],
+)
+def test_a_loop_without_an_end_is_one_line(tmp_path, monkeypatch, right, wrong, line):
+    file = _changed(tmp_path, right, wrong)
+    monkeypatch.setattr(foreign, "LONGEST_SECONDS", 0.5)
+    before = signal.getsignal(signal.SIGVTALRM)
+    with pytest.raises(OrthosisError, match=f"own.py, line {line}: no answer after .* of computing"):
+        load_system(file)
+    assert signal.getsignal(signal.SIGVTALRM) == before
+    assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0)
+
+
+def test_a_file_is_read_in_another_thread_too():
+    with ThreadPoolExecutor(1) as threads:
+        assert threads.submit(load_system, CARRIAGE).result().name == "motor-driven carriage"
+
+
 def test_a_table_is_read_by_columns_in_other_units(tables):
     system = load_system(CARRIAGE)
     read = from_csv(Path(tables[0]), system)
@@ -302,7 +371,7 @@ def test_a_bag_is_read_by_topics(tmp_path):
     system, bag = load_system(CARRIAGE), tmp_path / "bag"
     samples = motor_bench.rows(1, FRICTION)[:700]
     _write_bag(bag, samples)
-    with pytest.raises(OrthosisError, match="motor-driven carriage: current has no topic"):
+    with pytest.raises(OrthosisError, match=r"bag: no \.csv table, .* not say under which topic current is"):
         from_bag(bag, replace(system, sources={"position": _topic("position")}))
     with pytest.raises(OrthosisError, match="JointState has no field 'place'"):
         from_bag(bag, replace(system, sources={"position": _topic("place"), "current": _topic("effort")}))

@@ -17,7 +17,7 @@ from pam_orthosis.discrepancy.recordings.columns import as_written, places_of, s
 from pam_orthosis.discrepancy.recordings.even import even
 from pam_orthosis.discrepancy.recordings.ranges import in_range
 from pam_orthosis.discrepancy.systems.system import Source, System
-from pam_orthosis.errors import OrthosisError
+from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.tables import is_table, read_numbers
 
 HIGHEST_CUTOFF = 0.4  # of the sampling rate
@@ -101,9 +101,9 @@ def from_bag(path: Path, system: System, namespace: str = "") -> Recording:
             be in the unit that is asked for.
     """
     channels = [channel.name for channel in system.channels]
-    bag = read_bag(
-        path, _signals(system, channels), optional=_signals(system, system.inputs), namespace=namespace
-    )
+    with naming(path):
+        signals, optional = _signals(system, channels), _signals(system, system.inputs)
+    bag = read_bag(path, signals, optional=optional, namespace=namespace)
     names = [name for name in (*channels, *system.inputs) if name in bag.series]
     stamps, values = aligned(*(bag[name] for name in names))
     if len(stamps) < 2:
@@ -125,7 +125,8 @@ def _signals(system: System, names: Iterable[str]) -> list[str | Signal]:
         one = system.sources.get(name, Source())
         if not one.topic and name not in KNOWN:
             raise OrthosisError(
-                f"{system.name}: {name} has no topic; give one in its sources, or recordings as .csv tables"
+                f"no .csv table, so read as a ROS bag; but {system.name} does not say under which topic"
+                f" {name} is: give tables, or the topic in `sources`"
             )
         signal = Signal(name, one.topic, one.field, one.joint, "", one.type, one.spool)
         if one.topic:

@@ -13,6 +13,7 @@ import casadi as ca
 from pam_orthosis.bag.fields import check_field
 from pam_orthosis.bag.topics import Signal
 from pam_orthosis.discrepancy.systems.cut import closure
+from pam_orthosis.discrepancy.systems.neutral import remains
 from pam_orthosis.discrepancy.systems.system import Assembled, Calibration, Channel, Entry, Equation, System
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.effects.base import EQUATIONS, Effect, Quantity
@@ -38,9 +39,22 @@ def check_system(system: System) -> None:
         _all(entries, Entry, f"entries of {channel}")
         for entry in entries:
             _check_entry(system, f"entries of {channel}", entry)
-    _check_expressions(system, ())
-    for name in system.catalogue:
-        _check_shows(system, name, _check_expressions(system, (name,)))
+    bare = _check_expressions(system, ())
+    for name, effect in system.catalogue.items():
+        found = _check_expressions(system, (name,))
+        _check_shows(system, name, found)
+        _check_neutral(system, effect, bare, found)
+
+
+def _check_neutral(system: System, effect: Effect, bare: Assembled, found: Assembled) -> None:
+    """Check that an effect without size is none; a dead time has states, and a wrong value counts from 0."""
+    if effect.shape or effect.late is not None or effect.name in system.wrong:
+        return
+    neutral = [f"{q.name} = {q.neutral:g}" for q in effect.parameters if q.neutral is not None]
+    if neutral and remains(system, effect, bare, found):
+        raise OrthosisError(
+            f"effect {effect.name}: it does not vanish at {' and '.join(neutral)}, said to be neutral"
+        )
 
 
 def _check_signals(system: System) -> None:
@@ -65,10 +79,9 @@ def _check_signals(system: System) -> None:
     for kind, names in (("gradual", system.gradual), ("sensed", system.sensed)):
         for name in names:
             _known(kind, name, system.inputs)
-    for name, (low, high) in system.limits.items():
+    for name, ends in system.limits.items():
         _known("limits", name, (*channels, *system.inputs))
-        if not low < high:
-            raise OrthosisError(f"limits of {name}: {low} is not below {high}")
+        _check_limits(name, ends)
     for name, source in system.sources.items():
         _known("sources", name, (*channels, *system.inputs, STAMPS))
         _finite(f"source of {name}: factor", source.factor)
@@ -77,6 +90,15 @@ def _check_signals(system: System) -> None:
             raise OrthosisError(f"source of {name}: factor is 0")
         if source.topic:
             check_field(Signal(name, source.topic, source.field, source.joint, "", type=source.type))
+
+
+def _check_limits(name: str, ends: Any) -> None:
+    pair = isinstance(ends, tuple | list) and len(ends) == 2
+    if not pair or not all(isinstance(end, int | float) for end in ends):
+        raise OrthosisError(f"limits of {name}: {ends!r}; give the lowest and the highest value, (low, high)")
+    low, high = ends
+    if not low < high:
+        raise OrthosisError(f"limits of {name}: {low} is not below {high}")
 
 
 def check_free(channels: Iterable[str], inputs: Iterable[str]) -> None:
@@ -237,7 +259,19 @@ def _check_expressions(system: System, effects: tuple[str, ...]) -> Assembled:
         raise OrthosisError(
             f"{where}: expressions have the symbol {min(free)}, which is no state, input or parameter"
         )
+    if _has_nan(given, results):
+        raise OrthosisError(
+            f"{where}: a constant in the expressions is no number (NaN); Python's `math` takes no signals or"
+            " parameters: write ca.tanh, ca.exp and so on (import casadi as ca)"
+        )
     return found
+
+
+def _has_nan(given: ca.SX, results: ca.SX) -> bool:
+    """Return whether NaN is in expressions: what `float` makes of a symbol."""
+    steps = ca.Function("steps", [given], [results])
+    constants = (i for i in range(steps.n_instructions()) if steps.instruction_id(i) == ca.OP_CONST)
+    return any(math.isnan(steps.instruction_constant(i)) for i in constants)
 
 
 def _check_shows(system: System, name: str, found: Assembled) -> None:

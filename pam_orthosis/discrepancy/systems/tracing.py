@@ -121,8 +121,9 @@ class Traced:
         known = self._true(known) | self._inputs() | {TIME: self.time}
         signals = Signals(known, self._entering)
         values = {one.name: self._value(one) for one in model.parameters}
-        self.rates = dict(model.equations(signals, Attributes("parameter", values)))
-        _check_keys("rates that the equations return", model.states, self.rates)
+        returned = model.equations(signals, Attributes("parameter", values))
+        _check_keys("rates that the equations return", model.states, returned)
+        self.rates = dict(returned)
         for channel in model.channels:
             if f"{MEASURED}{channel.name}" not in signals:
                 setattr(signals, f"{MEASURED}{channel.name}", getattr(signals, channel.state or channel.name))
@@ -261,7 +262,10 @@ class Traced:
         return tuple(name for name, one in zip(system.inputs, needed, strict=True) if one)
 
 
-def _check_keys(what: str, expected: Iterable[str], given: Iterable[str]) -> None:
+def _check_keys(what: str, expected: Iterable[str], given: Any) -> None:
+    if not isinstance(given, Mapping):
+        names = ", ".join(f'"{name}": ...' for name in expected)
+        raise OrthosisError(f"{what}: give them by name, {{{names}}}, not {type(given).__name__}")
     missing, more = [n for n in expected if n not in given], [n for n in given if n not in expected]
     if missing or more:
         wrong = f"{missing[0]} is missing" if missing else f"{more[0]} is no state"

@@ -3,7 +3,7 @@
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,6 +11,7 @@ from traceback import extract_tb
 from types import ModuleType
 from typing import Any
 
+from pam_orthosis.discrepancy.systems.foreign import LONGEST_SECONDS, Endless, called
 from pam_orthosis.discrepancy.systems.soundness import check_system
 from pam_orthosis.discrepancy.systems.system import Assembled, System
 from pam_orthosis.errors import OrthosisError
@@ -19,6 +20,7 @@ from pam_orthosis.reading import read_text
 MODULE = "pam_orthosis_user_system"
 MAKER = "system"
 LONGEST = 300  # characters of what the file's own error says
+TRUTH = "truth value of a CasADi"  # in what CasADi says of a condition
 
 
 def load_system(path: Path) -> System:
@@ -31,30 +33,34 @@ def load_system(path: Path) -> System:
     module = ModuleType(MODULE)
     module.__file__ = str(path)
     sys.modules[MODULE] = module  # dataclasses look there for the types of their fields
-    with _named(path), redirect_stdout(sys.stderr):
-        exec(compile(text, str(path), "exec", dont_inherit=True), module.__dict__)
+    with _named(path):
+        with called():
+            exec(compile(text, str(path), "exec", dont_inherit=True), module.__dict__)
         make = getattr(module, MAKER, None)
         if not callable(make):
             raise OrthosisError(f"it has no function {MAKER}() that returns a System")
-        system = make()
+        with called():
+            system = make()
         if not isinstance(system, System):
             raise OrthosisError(
                 f"{MAKER}() returns {type(system).__name__}, not a System (Model(...).system())"
             )
-        check_system(system)
-    return _guarded(path, system)
+        guarded = _guarded(path, system)
+        check_system(guarded)
+    return guarded
 
 
 def _guarded(path: Path, system: System) -> System:
     """Return a system whose errors name the file, when the engine calls back into it too."""
 
     def assemble(effects: tuple[str, ...]) -> Assembled:
-        with _named(path):
+        with _named(path), called():
             return system.assemble(effects)
 
     def made(make: Callable[..., System], *given: Mapping[str, Any]) -> System:
         try:
-            other = make(*given)
+            with called():
+                other = make(*given)
         except OrthosisError:  # of what was given, not of the file
             raise
         except BaseException:
@@ -77,11 +83,25 @@ def _named(path: Path) -> Iterator[None]:
         yield
     except KeyboardInterrupt:  # of who runs it
         raise
-    except OrthosisError as error:
-        raise OrthosisError(f"{path}{_line(path, error)}: {error}") from error
     except BaseException as error:
-        said = " ".join(str(error).split())[:LONGEST]
-        raise OrthosisError(f"{path}{_line(path, error)}: {type(error).__name__}: {said}") from error
+        if isinstance(error, OrthosisError) and str(path) in str(error):  # of a call inside of this one
+            raise
+        raise OrthosisError(f"{path}{_line(path, error)}: {_told(error)}") from error
+
+
+def _told(error: BaseException) -> str:
+    """Return what is wrong, in words of who writes a system."""
+    if isinstance(error, OrthosisError):
+        return str(error)
+    if isinstance(error, Endless):
+        return f"no answer after {LONGEST_SECONDS:.0f} s of computing: does this loop end?"
+    said = " ".join(str(error).split())
+    if TRUTH in said:
+        return (
+            "a signal has no value yet, so `if`, `while`, `and`, `or`, min and max cannot look at it: write"
+            " ca.if_else(condition, a, b), ca.logic_and, ca.logic_or, ca.fmin, ca.fmax"
+        )
+    return f"{type(error).__name__}: {said[:LONGEST]}"
 
 
 def _line(path: Path, error: BaseException) -> str:
