@@ -50,8 +50,8 @@ EFFECTS = [
         stage="torque",
         parameters=(
             Quantity("coulomb", 2.0, "N", 0.0, 200.0, "Coulomb friction of the carriage", 0.0),
-            Quantity("viscosity", 5.0, "N s/m", 0.0, 1000.0, "viscous friction of the carriage", fitted=False,
-                     meaningful=(0.0, 990.0)),
+            Quantity("viscosity", 5.0, "N s/m", 0.0, 1000.0, "viscous friction of the carriage", 0.0,
+                     fitted=False, meaningful=(0.0, 990.0)),
             Quantity("transition_velocity", 1.0e-3, "m/s", 1.0e-5, 0.1, "width of the change of sign",
                      fitted=False, meaningful=(1.0e-5, 0.015)),  # wider, it is viscous
         ),
