@@ -257,7 +257,7 @@ def _stages(start: Beginning, data: Identifiability, last: str) -> str:
 def _check_out(arguments: argparse.Namespace) -> None:
     folder = arguments.out
     if arguments.until and (folder or arguments.json):
-        raise OrthosisError("--until prints words only; leave --out and --json out")
+        raise OrthosisError("--until prints words only: give no --out and no --json")
     if arguments.until and arguments.next and not _is_table(arguments.next):
         raise OrthosisError("--until searches nothing: give --next FILE.csv, not a folder")
     if arguments.system and arguments.next:

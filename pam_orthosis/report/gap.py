@@ -105,7 +105,7 @@ def _meaning(outcome: Outcome, name: str) -> str:
 
 def _missing(outcome: Outcome) -> list[Part]:
     found = [_effect(outcome, one, "") for one in outcome.effects]
-    found += [_effect(outcome, one, " (best surrogate, no explanation)") for one in outcome.surrogates]
+    found += [_effect(outcome, one, " (fits best, but is no explanation)") for one in outcome.surrogates]
     if outcome.unknown and (plots := gap_figures.unknown(outcome)):
         words = "The unknown, described: a curve over one signal. It is no cause."
         shapes = (line for one in outcome.unknown.descriptions for line in resemblance(one))

@@ -56,7 +56,7 @@ def test_the_advice_names_what_to_do_and_what_to_record():
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--until", "check", "--json"], "leave --out and --json out"),
+        (["--until", "check", "--json"], "give no --out and no --json"),
         (["--system", "own.py"], "none of a --system"),
         ([], "exists; choose another --next"),
         (["--until", "check"], "exists; choose another --next"),

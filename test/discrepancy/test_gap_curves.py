@@ -124,6 +124,7 @@ def test_a_wrong_parameter_is_shown_beside_what_the_model_has():
 
 def test_the_next_best_is_said_in_words_whichever_fits_better():
     assert runner_up_words("creep", 12.3) == "next best: creep, with 12 less evidence"
+    assert runner_up_words("creep", 27492518.0) == "next best: creep, far behind"
     assert runner_up_words("creep", 12.3, "play").startswith("next best in place of play: creep, ")
     assert (
         runner_up_words("creep", -4201.0)

@@ -153,7 +153,7 @@ def test_what_is_not_judged_is_reported():
         (1, "pressure"): np.ones(9, bool),
     }
     (remark,) = noise_floor.remark_on_left_out(masks)
-    assert remark.startswith("not judged, since chance decides there, as where play comes to rest")
+    assert remark.startswith("left out of the judgement, where differences too small to measure decide: ")
     assert remark.endswith(": 30% of angle")
     assert noise_floor.remark_on_left_out(None) == ()
     assert noise_floor.remark_on_left_out({(1, "pressure"): np.ones(9, bool)}) == ()

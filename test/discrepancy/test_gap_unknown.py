@@ -183,7 +183,7 @@ def test_a_push_has_the_unit_of_its_channel():
     equation = Equation("both", ("place", "gas"), ("place", "gas"), {})
     system = System("two", channels, (), {}, (equation,), (), {}, lambda effects: None)
     (line,) = unknown_words(system, Unknown("both", (), (Event("run", "gas", 3.1, 200.0, 0.2),)))
-    assert line.endswith("pushes in run at 3.1 s (+2e+02 Pa/s of gas for 0.2 s)")
+    assert line.endswith("; push in run at 3.1 s (+2e+02 Pa/s of gas for 0.2 s)")
 
 
 def test_pushes_are_said_to_be_in_their_recordings():

@@ -186,7 +186,7 @@ def test_words_say_what_is_left_and_how_large_the_curve_is():
     )
     system = SimpleNamespace(entries={}, unit=lambda name: "rad")
     (line,) = unknown_words(system, Unknown("dynamics", [one], ()))
-    assert ", half its range 0.99" in line
+    assert ", half its height 0.99" in line
     assert "with a parabola that may be due to the model's parameters instead)" in line
     assert line.endswith("; removes 98% of the squares of the held-out gap")
     wave = replace(one, reduced=0.99999, period=2.0, harmonics=1)

@@ -19,14 +19,16 @@ from pam_orthosis.discrepancy.answer import judgement, patch, verdict
 from pam_orthosis.discrepancy.answer import last_line as last_line_of
 from pam_orthosis.discrepancy.answer.contract import as_dict
 from pam_orthosis.discrepancy.answer.last_line import with_rivals
-from pam_orthosis.discrepancy.answer.verdict import _share, describe
+from pam_orthosis.discrepancy.answer.verdict import _share, describe, describe_data
 from pam_orthosis.discrepancy.apparatus import without_record
 from pam_orthosis.discrepancy.fitting.measure import Gap, closure, over_noise, reduced
 from pam_orthosis.discrepancy.preparation import beginning, check
 from pam_orthosis.discrepancy.preparation.glitches import OF_POSITIONS, glitches, without_glitches
+from pam_orthosis.discrepancy.preparation.identifiability import Identifiability
 from pam_orthosis.discrepancy.recordings.data import from_arrays
 from pam_orthosis.discrepancy.request import assumed_words
 from pam_orthosis.discrepancy.search import acceptance, confirmation
+from pam_orthosis.discrepancy.search.select import short_of
 from pam_orthosis.discrepancy.search.selection import Step
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.unknown.events import Event
@@ -280,7 +282,7 @@ def test_a_surrogate_that_makes_held_out_recordings_worse_is_not_shown(friction,
     assert [one for one in reported.remarks if one.startswith("with ")] == ["with ()"]
     assert reported.after.white["overall"] == pytest.approx(reported.before.white["overall"])
     assert reported.verdict == "unexplained"
-    assert "surrogate" not in describe(reported)
+    assert "no explanation" not in describe(reported)
 
 
 @pytest.mark.parametrize("mistake", [(), ("CHECK THE RECORDINGS: does time run backwards?",)])
@@ -324,9 +326,9 @@ def test_a_model_that_closes_less_than_half_names_nothing(friction, monkeypatch)
         assert [one.name for one in reported.surrogates] == ([] if names else ["joint_friction"])
     reported = describe(replace(outcome, verdict="unexplained", effects=(), surrogates=outcome.effects))
     assert reported.splitlines()[-1].endswith("no model of the catalogue explains half of the gap")
-    (surrogate,) = (line for line in reported.splitlines() if line.startswith("best surrogate"))
+    (surrogate,) = (line for line in reported.splitlines() if "is no explanation" in line)
     named = next(line for line in describe(outcome).splitlines() if line.startswith("effect: joint_friction"))
-    assert surrogate == named.replace("effect", "best surrogate, no explanation", 1), "its size is printed"
+    assert surrogate == named.replace("effect", "fits best, but is no explanation", 1), "its size is printed"
 
 
 def test_an_effect_at_a_bound_that_empties_it_is_no_explanation(friction):
@@ -412,6 +414,28 @@ def test_a_noise_floor_that_is_no_measure_of_the_sensor_is_said(bench, changed, 
     remarks = [line for line in check.check(bench.system, [one], 2.0) if "noise floor" in line]
     assert all(line.startswith("run: angle ") and said in line for line in remarks)
     assert bool(remarks) == bool(said)
+
+
+def test_a_doubt_on_noise_is_said_once_for_all_recordings(bench):
+    arrays = bench.arrays(1)
+    coarse = {**arrays, "angle": np.round(arrays["angle"], 2)}
+    runs = [from_arrays(name, bench.system, coarse) for name in ("first", "second", "third")]
+    (remark,) = (line for line in check.check(bench.system, runs, 2.0) if "noise floor" in line)
+    assert remark.startswith("first: angle has steps ")
+    assert "(quantised), in 2 more recordings too; its noise floor" in remark
+
+
+def test_evidence_below_nothing_is_none():
+    assert short_of("leak", -1.2, 15.0) == "leak has no evidence, it would need 15"
+    assert short_of("leak", 3.4, 15.0) == "leak has evidence 3, it would need 15"
+
+
+def test_effects_that_are_confounded_pair_by_pair_are_one_line():
+    pairs = (("b", "a", 0.96), ("d", "c", 0.98), ("e", "b", 0.99), ("e", "a", 0.97))
+    assert describe_data(Identifiability({}, (), pairs, ())).splitlines() == [
+        "confounded in these data: d and c (cosine of their sensitivities 0.98)",
+        "confounded in these data: b, a and e (cosine of their sensitivities 0.96 .. 0.99)",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def off_words(outcome: Outcome) -> str:
 
 def _recalibrated(outcome: Outcome, names: str) -> str:
     if names:
-        return f"by {names}; recalibration could take all of it too, but only at a higher price"
+        return f"by {names}; recalibration could take all of it too, with parameters further off"
     moved = _moved(outcome, moved_beyond(outcome.system, outcome.selection.final))
     return f"the model leaves noise only with {moved}{_nearest(outcome)}"
 

@@ -97,8 +97,8 @@ def remark_on_left_out(masks: Samples | None) -> tuple[str, ...]:
     if masks is None:
         return ()
     shares = ", ".join(f"{1 - kept:.0%} of {name}" for name, kept in _kept(masks).items() if kept < WHOLE)
-    where = "as where play comes to rest or something slack begins to pull"
-    return (f"not judged, since chance decides there, {where}: {shares}",) if shares else ()
+    why = "where differences too small to measure decide"  # as where play rests, or a slack rope gets tight
+    return (f"left out of the judgement, {why}: {shares}",) if shares else ()
 
 
 def _kept(masks: Samples) -> dict[str, float]:

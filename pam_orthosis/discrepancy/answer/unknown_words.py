@@ -26,7 +26,7 @@ def short(system: System, unknown: Unknown) -> str:
         return " and ".join(_short(system, one) for one in unknown.descriptions)
     more = len(unknown.events) - MOST_EVENTS
     times = _by_recording(unknown, lambda event: f"{event.time:.1f} s")
-    return f"{len(unknown.events)} pushes ({times}" + (f" and {more} more)" if more > 0 else ")")
+    return f"{len(unknown.events)} {_pushes(unknown)} ({times}" + (f" and {more} more)" if more > 0 else ")")
 
 
 def _by_recording(unknown: Unknown, told: Callable[[Event], str]) -> str:
@@ -59,8 +59,8 @@ def unknown_words(
     if unknown.events:
         (equation,) = (one for one in system.equations if one.name == unknown.equation)
         several = len(equation.channels) > 1
-        pushes = _by_recording(unknown, lambda event: _push(system, event, several))
-        return [f"unknown {where}: of nothing that was measured; pushes {pushes}"]
+        told = _by_recording(unknown, lambda event: _push(system, event, several))
+        return [f"unknown {where}: of nothing that was measured; {_pushes(unknown)} {told}"]
     if (shares or {}).get("time", 0.0) >= DRIFTING:
         return [f"unknown {where}: it changes with time: a sensor's zero that drifts, what wears or warms?"]
     tried = f"up to {knots_of(system)[-1]} points were tried"
@@ -68,6 +68,10 @@ def unknown_words(
         f"unknown {where}: no curve over one measured signal, added to the equation, removes half of the"
         f" held-out gap ({tried}); an error of a sensor that depends on a signal was not tried"
     ]
+
+
+def _pushes(unknown: Unknown) -> str:
+    return "push" if len(unknown.events) == 1 else "pushes"
 
 
 def _push(system: System, event: Event, named: bool) -> str:
@@ -81,8 +85,8 @@ def _words(system: System, one: Description, where: str, carried: bool) -> list[
     _, low, high = one.amplitude
     shown = digits(low, high, FEWEST_DIGITS)
     ends = " and ".join(_with_unit(system, one, end) for end in (one.places[0], one.places[-1]))
-    size = "half its range" if one.period is None else "amplitude"
-    next_best = "" if one.runner_up is None else f" (next: {one.runner_up[0]}, {one.runner_up[1]:.0%})"
+    size = "half its height" if one.period is None else "amplitude"
+    next_best = "" if one.runner_up is None else f" (one over {one.runner_up[0]}: {one.runner_up[1]:.0%})"
     return [
         f"unknown {where}: {_short(system, one)}, {size} {low:.{shown}g} .. {high:.{shown}g} {one.unit}"
         f" between {ends}{_with_parabola(one)}; {_removes(one)}{next_best}",
@@ -157,4 +161,4 @@ def _name(one: Description) -> str:
 
 
 def _with_unit(system: System, one: Description, value: float) -> str:
-    return f"{value:.3g} {system.unit(one.coordinate) or '(SI)'}"
+    return f"{value:.3g} {system.unit(one.coordinate)}".rstrip()

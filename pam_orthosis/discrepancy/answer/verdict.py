@@ -2,6 +2,7 @@
 """What the workflow found, as words."""
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 
 from pam_orthosis.discrepancy.answer.curves import curves, in_words
 from pam_orthosis.discrepancy.answer.digits import digits, in_short, of_unit
@@ -19,6 +20,7 @@ from pam_orthosis.discrepancy.systems.system import Channel, System
 from pam_orthosis.model.parameters import experiments, scenario_names
 
 LABEL = 25  # characters of the first column, at least
+FAR = 1000  # evidence behind the best effect, of which no more is of use
 FEWEST_DIGITS = 4  # of a value with its interval
 MOST_NAMED, MOST_SHOWN = 3, 8  # parameters in one line: of many, and else
 
@@ -32,14 +34,30 @@ def describe_data(data: Identifiability) -> str:
     if data.invisible:
         lines.append(f"these data would not show, at typical size: {', '.join(data.invisible)}")
     lines += [_endless(one) for one in data.astray]
-    for a, b, cosine in data.alike:
-        lines.append(f"confounded in these data: {a} and {b} (cosine of their sensitivities {cosine:.2f})")
+    lines += _confounded(data.alike)
     if len(data.together) > 1:
         known = f"{', '.join(data.together[:-1])} and {data.together[-1]}"
         lines.append(f"{known} may change together without a trace in these data: tolerances alone hold them")
     if data.experiments:
         lines += _experiment("most useful next experiment", data.experiments[0])
     return "\n".join(lines) or "these data show and separate all effects of the catalogue"
+
+
+def _confounded(alike: Sequence[tuple[str, str, float]]) -> list[str]:
+    """Return a line on each group of effects that is confounded pair by pair."""
+    groups: list[list[str]] = []
+    for pair in alike:
+        joined = [group for group in groups if {*group} & {*pair[:2]}]
+        groups = [group for group in groups if group not in joined]
+        groups.append(list(dict.fromkeys([*chain(*joined), *pair[:2]])))
+    lines = []
+    for group in groups:
+        cosines = [f"{cosine:.2f}" for a, _, cosine in alike if a in group]
+        least, most = min(cosines), max(cosines)
+        said = least if least == most else f"{least} .. {most}"
+        names = f"{', '.join(group[:-1])} and {group[-1]}"
+        lines.append(f"confounded in these data: {names} (cosine of their sensitivities {said})")
+    return lines
 
 
 def _endless(one: Astray) -> str:
@@ -99,10 +117,10 @@ def describe_where(start: Beginning) -> str:
 
 def _range(system: System, name: str, regions: Mapping[str, tuple[float, float]]) -> str:
     channel = next((c for c in system.channels if c.name == name), None)
-    unit = "of the cycle" if name == "phase" else system.unit(name) or "(SI)"
+    unit = "of the cycle" if name == "phase" else system.unit(name)
     factor, unit = (1.0, unit) if channel is None else (channel.report_factor, channel.report_unit)
     low, high = (factor * end for end in regions[name])
-    return f"between {low:.4g} and {high:.4g} {unit}"
+    return f"between {low:.4g} and {high:.4g} {unit}".rstrip()
 
 
 def describe(outcome: Outcome) -> str:
@@ -118,7 +136,7 @@ def describe(outcome: Outcome) -> str:
     if outcome.from_configured:
         lines.append("* of the nominal model's gap, which recalibration alone explains")
     if outcome.effects and outcome.unknown is not None and outcome.unknown.descriptions:
-        lines.append("explained: by effects that are named; what is unknown removes more, see there")
+        lines.append("explained: by what is named alone; below it is said what a curve removes beside it")
     worst, wrong = outcome.where[0], outcome.system.wrong
     if not worst.clean:
         seen = ", ".join(f"{name} {share:.0%}" for name, share in list(worst.coordinates.items())[:3])
@@ -126,7 +144,7 @@ def describe(outcome: Outcome) -> str:
     for one in outcome.effects:
         lines.append(_wrong(outcome.system, one) if one.name in wrong else f"effect: {_named(outcome, one)}")
     lines += _moved_beside(outcome)
-    lines += [f"best surrogate, no explanation: {_named(outcome, one)}" for one in outcome.surrogates]
+    lines += [f"fits best, but is no explanation: {_named(outcome, one)}" for one in outcome.surrogates]
     lines += _others(outcome)
     lines += remark_lines(outcome.remarks)
     lines += _left(outcome)
@@ -201,7 +219,8 @@ def runner_up_words(name: str, behind: float, first: str = "") -> str:
     """
     place = f" in place of {first}" if first else ""
     if behind >= 0:
-        return f"next best{place}: {name}, with {behind:.0f} less evidence"
+        how = "far behind" if behind >= FAR else f"with {behind:.0f} less evidence"
+        return f"next best{place}: {name}, {how}"
     return f"not accepted{place}, although it fits better: {name}, with {-behind:.0f} more evidence"
 
 

@@ -39,10 +39,9 @@ def check(system: System, recordings: Sequence[Recording], warm_up: float) -> li
         _check_length(one, warm_up)
         for channel in system.channels:
             _check_channel(one, channel.name)
-        doubts = [_doubt_on_noise(one, channel.name) for channel in system.channels]
-        doubts += [_saturated(one, channel) for channel in system.channels]
-        remarks += [*one.remarks, *_remarks_on_inputs(system, one), *filter(None, doubts)]
-    return list(dict.fromkeys(remarks))
+        ends = [_saturated(one, channel) for channel in system.channels]
+        remarks += [*one.remarks, *_remarks_on_inputs(system, one), *filter(None, ends)]
+    return list(dict.fromkeys([*remarks, *_doubts_on_noise(system, recordings)]))
 
 
 def beyond_boxes(system: System, recordings: Sequence[Recording]) -> list[str]:
@@ -185,6 +184,24 @@ def _repeated(values: np.ndarray) -> float:
     return float(repeated[moves].mean()) if moves.any() else 0.0
 
 
+def _doubts_on_noise(system: System, recordings: Sequence[Recording]) -> list[str]:
+    """Return which channel's noise does not show how well it is measured, each kind of doubt once."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for one in recordings:
+        for channel in system.channels:
+            if why := _doubt_on_noise(one, channel.name):
+                kind = why[why.rindex("(") :]
+                found.setdefault((channel.name, kind), []).append(f"{one.name}: {channel.name} {why}")
+    return [
+        f"{first}{_in_others(len(more))}; its noise floor is not how well it was measured"
+        for first, *more in found.values()
+    ]
+
+
+def _in_others(count: int) -> str:
+    return f", in {count} more recording{'s' * (count > 1)} too" if count else ""
+
+
 def _doubt_on_noise(one: Recording, name: str) -> str:
     """Return why a channel's noise does not show how well it is measured; empty if it does."""
     values = one.signals[name]
@@ -193,17 +210,15 @@ def _doubt_on_noise(one: Recording, name: str) -> str:
     power = [float(np.mean(part)) for part in np.array_split(density[len(density) // 2 : -1], PARTS)]
     steps = np.abs(np.diff(np.unique(values)))
     if noise < NO_NOISE * np.ptp(values):
-        why = "has no noise (simulated, or smoothed)"
-    elif max(power) > FILTERED * min(power):
+        return "has no noise (simulated, or smoothed)"
+    if max(power) > FILTERED * min(power):
         times = max(power) / min(power)
-        why = f"has noise whose power varies {times:.0f}-fold in the upper half of its band (filtered, slow)"
-    elif _is_notched(values):
-        why = "has noise that lacks single frequencies, as a mean over several samples does (filtered)"
-    elif noise < COARSE * float(steps.min()):
-        why = f"has steps {float(steps.min()) / noise:.0f} times its noise (quantised)"
-    else:
-        return ""
-    return f"{one.name}: {name} {why}; its noise floor is not how well it was measured"
+        return f"has noise whose power varies {times:.0f}-fold in the upper half of its band (filtered, slow)"
+    if _is_notched(values):
+        return "has noise that lacks single frequencies, as a mean over several samples does (filtered)"
+    if noise < COARSE * float(steps.min()):
+        return f"has steps {float(steps.min()) / noise:.0f} times its noise (quantised)"
+    return ""
 
 
 def _is_notched(values: np.ndarray) -> bool:

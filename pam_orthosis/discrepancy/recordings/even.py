@@ -156,7 +156,7 @@ def _check_stamps(name: str, missing: int, after: float, uneven: np.ndarray, per
     if missing > MOST_MISSING * rows:
         raise OrthosisError(
             f"{told} {missing} of {rows} rows are missing, the first"
-            f" after {after:.4f} s; at most {MOST_MISSING:.0%} may be: leave none"
+            f" after {after:.4f} s; at most {MOST_MISSING:.0%} may be: fill them, or cut them off"
         )
     if uneven.mean() > UNEVEN_SHARE:
         raise OrthosisError(

@@ -155,6 +155,12 @@ def _alike(step: Step) -> dict[str, float]:
     return {name: gain / own for name, gain in step.gains.items()}
 
 
+def short_of(name: str, evidence: float, threshold: float) -> str:
+    """Return why the best effect is not accepted: its evidence is too little, or none."""
+    has = f"evidence {evidence:.0f}" if evidence > 0 else "no evidence"
+    return f"{name} has {has}, it would need {threshold:.0f}"
+
+
 def _round(found: Selection, held_out: Problem, settings: Section, progress: Progress) -> Step:
     """Return the step with the best effect beside what was found.
 
@@ -212,7 +218,7 @@ def _seen_from(
     able = _able(judged, thresholds)
     if not able:
         name, evidence = ranked[0]
-        reason = f"{name} has evidence {evidence:.0f}, it would need {thresholds[name]:.0f}"
+        reason = short_of(name, evidence, thresholds[name])
         return Step(None, None, None, evidence, 0.0, ranked, reason, gains, tuple(blocked))
     if _better_base(found, able[0], progress):
         return _round(found, held_out, settings, progress)
