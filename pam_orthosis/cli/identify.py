@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError, naming
@@ -125,12 +127,15 @@ def _identified(arguments: argparse.Namespace, progress: Progress) -> Identified
 
 def describe(found: Identified) -> str:
     """Return the result as text."""
+    from pam_orthosis.identification.identify import USUAL_MISFIT
+
     fit, box = found.force, found.box
     lines = [
         f"{_title(found)}, nominal length {found.data.length:g} m", *_values(found),
         f"rank {fit.rank} of {len(fit.half_width)}, condition {fit.condition:.3g} (unscaled"
-        f" {fit.condition_raw:.3g}), {len(found.training)} samples, {fit.effective:.0f} independent",
-        _intervals(fit), *found.remarks,
+        f" {fit.condition_raw:.3g}), {len(found.training)} samples that say as much as"
+        f" {fit.effective:.0f} independent ones",
+        _intervals(fit), *_directions(found), *found.remarks,
         *_errors("fit", found.errors(held_out=False)), *_errors("held out", found.errors(held_out=True)),
     ]  # fmt: skip
     if found.hysteresis:
@@ -143,7 +148,7 @@ def describe(found: Identified) -> str:
     if found.data.own:
         lines.append(
             f"`sizes: {{force_map_misfit: {found.misfit_size:g}}}` of its actuators in a machine file tells"
-            " gap how well this force is known: smaller gaps show then"
+            f" gap that this force may be off by {found.misfit_size:g} times the usual {USUAL_MISFIT:g} N"
         )
     first = min(box.minimum_contraction, float(found.training.contraction.min()))  # stretched, too
     lines.append(
@@ -163,12 +168,8 @@ def _title(found: Identified) -> str:
 
 def _values(found: Identified) -> list[str]:
     """Return lines on the coefficients of force and volume and on the damping, and what is none of these."""
-    model, half = found.force.model, iter(found.force.half_width.tolist())
-    lines = [
-        f"  {name}_{i} = {value: .8e} +- {next(half):.1e}"
-        for name, values in (("a", model.a), ("b", model.b))
-        for i, value in enumerate(values.tolist())
-    ]
+    model = found.force.model
+    lines = _coefficients({"a": model.a, "b": model.b}, found.force.half_width, found.between)
     if found.damping:
         d = found.damping
         losses = f"dry friction apart (Eq. 18 counts all losses: {d.decrement:.1f}; T_d = {d.period:.3f} s)"
@@ -179,11 +180,28 @@ def _values(found: Identified) -> list[str]:
         lines.append(f"  D = {found.given_damping:g} N s/m was given, and counts")
     if found.volume:
         v = found.volume
-        lines.append(f"  v = {_numbers(v.v)}, w = {_numbers(v.w)}")
-        lines.append(f"  volume error {v.rms * 1e6:.2f} cm^3 RMS, {v.largest * 1e6:.2f} cm^3 maximum")
+        lines += _coefficients({"v": v.v}, v.half_width[: len(v.v)])
+        lines += _coefficients({"w": v.w[1:]}, v.half_width[len(v.v) :], first=1)
+        lines.append(
+            f"  volume error {v.rms * 1e6:.2f} cm^3 RMS, {v.largest * 1e6:.2f} cm^3 maximum; +- of v and w:"
+            " 95 %, if the rows are independent of each other"
+        )
     if found.not_identified:
         lines.append(f"  {found.not_identified}")
     return lines
+
+
+def _coefficients(
+    named: Mapping[str, np.ndarray], half: np.ndarray, between: np.ndarray | None = None, first: int = 0
+) -> list[str]:
+    """Return a line for each coefficient: value, interval, and how far off both directions let it be."""
+    names = [f"{name}_{i}" for name, own in named.items() for i in range(first, first + len(own))]
+    beside = [""] * len(names) if between is None else [f", directions +- {one:.1e}" for one in between]
+    values = np.concatenate(list(named.values()))
+    return [
+        f"  {name} = {value: .8e} +- {width:.1e}{more}"
+        for name, value, width, more in zip(names, values, half, beside, strict=True)
+    ]
 
 
 def _errors(name: str, errors: dict[str, Any]) -> list[str]:
@@ -205,10 +223,24 @@ def _intervals(fit: ForceFit) -> str:
     from pam_orthosis.identification.force import REPEATS
 
     if not fit.clustered:
-        return "the intervals hold for rows that are independent: give a column repeat, or direction"
+        return "+-: 95 %, if the rows are independent of each other: give a column repeat, or direction"
     if fit.clustered == REPEATS:
-        return f"the intervals are those in which a further repeat lies, from {fit.clusters} repeats"
-    return f"the intervals are between {fit.clusters} runs; with 3 repeats they would hold for a further one"
+        return f"+-: 95 % of further repeats lie in it, as far as {fit.clusters} tell; the truth need not"
+    return (
+        f"+-: 95 %, by the scatter of {fit.clusters} runs; where a repeat of all would lie, three repeats"
+        " tell (column repeat)"
+    )
+
+
+def _directions(found: Identified) -> list[str]:
+    """Return a line on what intervals do not hold, where data have both directions."""
+    if found.between is None:
+        return []
+    wider = int((found.between > found.force.half_width).sum())
+    return [
+        "directions +-: so far a coefficient may be off, as the force at rest lies anywhere between both"
+        f" directions (larger than +- in {wider} of {len(found.between)}); creep slower than a run adds to it"
+    ]
 
 
 def _left_out(found: Identified) -> list[str]:
@@ -226,7 +258,3 @@ def _left_out(found: Identified) -> list[str]:
             error = "not determined by the others" if e is None else f"{e[0]:6.1f} N RMS {e[1]:6.1f} N max"
             lines.append(f"  {at * factor:6.2f} {unit:9s} {error}")
     return lines
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return "[" + ", ".join(f"{value:.6g}" for value in values) + "]"

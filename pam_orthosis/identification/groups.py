@@ -39,8 +39,16 @@ def _widths(values: np.ndarray, member: np.ndarray) -> np.ndarray:
 
 
 def levels(pressure: np.ndarray) -> np.ndarray:
-    """Return the pressure level of each row, Pa: measured pressures scatter about it."""
-    return grouped(pressure, LEVEL_GAP, WIDEST_LEVEL, MOST_LEVELS)
+    """Return the pressure level of each row, Pa: measured pressures scatter about it.
+
+    A few rows beside a level are its stragglers: as a level of their own they would weigh as much.
+    """
+    found = grouped(pressure, LEVEL_GAP, WIDEST_LEVEL, MOST_LEVELS)
+    few, near = 0.05, 1.5e4  # of the rows of the level beside, Pa
+    level, member, count = np.unique(found, return_inverse=True, return_counts=True)
+    beside = (np.abs(level - level[:, None]) < near) & (count[:, None] < few * count)
+    level = np.where(beside.any(axis=1), level[np.argmax(beside * count, axis=1)], level)
+    return np.asarray(level[member])
 
 
 def lengths(contraction: np.ndarray, nominal: float) -> np.ndarray:

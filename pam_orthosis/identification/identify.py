@@ -10,21 +10,24 @@ import numpy as np
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.identification.damping import Damping, check_period, fit_damping
 from pam_orthosis.identification.data import Data
+from pam_orthosis.identification.directions import (
+    Hysteresis,
+    between_directions,
+    check_direction,
+    hysteresis,
+)
 from pam_orthosis.identification.force import ForceFit, ForceModel, fit_force, leave_one_out, rms_and_max
 from pam_orthosis.identification.groups import lengths
 from pam_orthosis.identification.kept import not_identified
 from pam_orthosis.identification.samples import Samples
 from pam_orthosis.identification.trust import (
-    Hysteresis,
     astray,
-    check_direction,
     check_repeats,
     check_size,
     check_slack_pressure,
     check_zero,
     clipped,
     copied,
-    hysteresis,
     levelled_off,
     taut,
 )
@@ -58,6 +61,8 @@ class Identified:
         box: recommended box of validity.
         stiff: whether the modelled force falls with the contraction all over the taut box.
         hysteresis: None where the data have one direction, or do not say it.
+        between: how far each coefficient, a then b, may be off since both directions differ; no interval of
+            repeats holds it. None as the hysteresis.
         remarks: on rows that were left out, and on what is not plausible.
     """
 
@@ -72,6 +77,7 @@ class Identified:
     stiff: bool
     given_damping: float | None = None
     hysteresis: Hysteresis | None = None
+    between: np.ndarray | None = None
     remarks: tuple[str, ...] = ()
 
     @property
@@ -114,6 +120,7 @@ class Identified:
             "a": model.a.tolist(),
             "b": model.b.tolist(),
             "half_interval_95": fit.half_width.tolist(),
+            "half_between_directions": None if self.between is None else self.between.tolist(),
             "damping": _plain(self.damping),
             "damping_used": model.damping,
             "volume": _plain(self.volume),
@@ -179,7 +186,8 @@ def identify(
         volume = fit_volume(data.volumes, degree) if data.volumes else None
     return Identified(
         data, training, samples.where(judged), force, decay,
-        volume, left_out, box, _stiff(force, box), damping, friction, tuple(remarks),
+        volume, left_out, box, _stiff(force, box), damping, friction,
+        between_directions(force.model, training), tuple(remarks),
     )  # fmt: skip
 
 

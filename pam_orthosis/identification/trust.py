@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What in measured data spoils a fit without a sign of it, and what the fit says of the data."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from pam_orthosis.errors import OrthosisError
@@ -14,14 +12,6 @@ from pam_orthosis.model.components.muscle import braid_area, polynomial
 # Pa gauge, at which a muscle begins to pull: at nominal length 0 by definition, fits of measured ones give 0
 # to 0.5 bar; where the data begin contracted, measured ones need 1.4 bar and more
 SLACK_PRESSURE, CONTRACTED_PRESSURE = (-0.35e5, 0.9e5), 0.35e5
-
-
-class Hysteresis(NamedTuple):
-    """Force above the other direction's, N: mean over all levels, smallest and largest of a level."""
-
-    mean: float
-    low: float
-    high: float
 
 
 def clipped(s: Samples, nominal: float) -> np.ndarray:
@@ -133,37 +123,6 @@ def _slack_pressure(model: ForceModel, contraction: float) -> float:
     return float(polynomial(model.b, contraction)) / area if area > 0 else 0.0
 
 
-def hysteresis(model: ForceModel, s: Samples) -> Hysteresis | None:
-    """Return by how much the force lies higher in stretching or venting; None: the data have one way only.
-
-    Damping is accounted for, what remains is friction of the braid and what creeps.
-    """
-    residual, direction = model.residual(s), s.direction
-    found = []
-    for level in np.unique(s.level):
-        ways = [residual[(s.level == level) & (direction == sign)] for sign in (-1.0, 1.0)]
-        if min(map(len, ways)):
-            found.append(float(ways[0].mean() - ways[1].mean()))
-    return Hysteresis(float(np.mean(found)), min(found), max(found)) if found else None
-
-
-def check_direction(model: ForceModel, s: Samples, found: Hysteresis | None) -> str:
-    """Return a caution if the hysteresis is negative beyond doubt; empty if not."""
-    if found is None:
-        return ""
-    residual, way = model.residual(s), numbered(s.level, s.direction)
-    mean = np.bincount(way, residual) / np.bincount(way)
-    scatter = rms_and_max(residual - mean[way])[0]
-    doubt = 3 * 2 * scatter / len(s) ** 0.5  # three standard errors of a difference between halves
-    least = 0.005  # of the largest force
-    if -found.mean <= max(doubt, least * s.force.max()):
-        return ""
-    return (
-        f"the hysteresis is negative ({found.mean:.1f} N), but a muscle pulls more while it is stretched or"
-        " vented: is the direction reversed?"
-    )
-
-
 def check_repeats(s: Samples, nominal: float) -> str:
     """Return a caution if the same points were measured again and no repeat tells it; empty if not."""
     place = points(s.pressure, s.contraction, nominal)
@@ -192,17 +151,37 @@ def taut(s: Samples, damping: float, degrees: tuple[int, int]) -> tuple[np.ndarr
     least_share, start_share = 2.0e-3, 0.08  # of the range: what a taut muscle shows at least; surely shows
     lowest, span = max(float(s.force.min()), 0.0), np.ptp(np.maximum(s.force, 0.0))
     large = s.force >= lowest + start_share * span
-    kept, zero, rounds = large, 0.0, 20
+    zero: float | None = None
+    kept, rounds = large, 20
     for _ in range(rounds):
         try:
             model = fit_force(s.where(kept), damping, degrees).model
         except OrthosisError:  # the fit of what is left will say what is missing
             return s.force >= least_share * s.force.max(), 0.0
+        if zero is None:
+            zero = _floor(model, s)
         zero, noise = _slack_force(model, s, large, zero)
         before, kept = kept, large | (s.force >= zero + max(least_share * span, 3 * noise))
         if (before == kept).all():
             break
-    return kept, zero
+    return kept, zero or 0.0
+
+
+def _floor(model: ForceModel, s: Samples) -> float:
+    """Return at which force, N, the smallest ones level off while the model falls on; 0: at none.
+
+    It is what the load cell shows of a slack muscle. A weight that hangs on one makes rows of one force,
+    too, but there the model says that force.
+    """
+    band, many = 0.003, 3  # of the largest force; times the rows just above
+    lowest, width = float(s.force.min()), band * float(s.force.max())
+    bottom = s.force < lowest + width
+    above = (s.force < lowest + 2 * width) & ~bottom
+    if bottom.sum() < many * (1 + above.sum()):
+        return 0.0
+    off = rms_and_max(model.residual(s.where(~bottom)))[0]
+    level = float(np.median(s.force[bottom]))
+    return level if np.median(model.residual(s.where(bottom))) > off else 0.0
 
 
 def _slack_force(model: ForceModel, s: Samples, large: np.ndarray, zero: float) -> tuple[float, float]:
@@ -221,7 +200,7 @@ def _slack_force(model: ForceModel, s: Samples, large: np.ndarray, zero: float) 
 
 def check_zero(slack: np.ndarray, zero: float, largest: float) -> str:
     """Return a caution if slack rows, N, show nearly one force, and that is not zero; empty if not."""
-    share, times = 0.02, 5.0  # of the largest force, and of the slack rows' scatter: a buckled one shows less
+    share, times = 0.01, 5.0  # of the largest force, and of the slack rows' scatter: a buckled one shows less
     if not len(slack) or abs(zero) < max(share * largest, times * float(np.std(slack))):
         return ""
     return (

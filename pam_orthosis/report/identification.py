@@ -157,5 +157,9 @@ def _coefficients(found: Identified) -> Markup:
         f"{kind}{i}" for kind, values in (("a", fit.model.a), ("b", fit.model.b)) for i in range(len(values))
     ]
     values = [*fit.model.a, *fit.model.b]
-    rows = [(n, f"{v:.6g}", f"± {h:.2g}") for n, v, h in zip(names, values, fit.half_width, strict=True)]
-    return listed(("coefficient (SI)", "value", "95 %"), rows)
+    columns = {"95 %": fit.half_width}
+    if found.between is not None:
+        columns["directions"] = found.between
+    halves = zip(*([f"± {one:.2g}" for one in column] for column in columns.values()), strict=True)
+    rows = [(n, f"{v:.6g}", *half) for n, v, half in zip(names, values, halves, strict=True)]
+    return listed(("coefficient (SI)", "value", *columns), rows)

@@ -116,6 +116,20 @@ def test_a_load_cell_whose_zero_is_off_is_a_caution(rubbing, three, tmp_path):
     assert not zero_off(three, 0.0)
 
 
+@pytest.mark.parametrize("zero", [120.0, 30.0, -30.0])
+def test_few_rows_that_are_hardly_slack_show_a_zero_that_is_off(tmp_path, zero):
+    """The smallest forces level off, though the model goes less below zero than it is off."""
+    random, largest = np.random.default_rng(11), 0.03  # m: the muscle is slack at the lowest pressure alone
+    p, x, way = (one.ravel() for one in np.meshgrid(LEVELS, np.linspace(0.001, largest, 80), [1.0, -1.0]))
+    force = static_force(x, p)
+    assert 0 < (force < 0).mean() < 0.05
+    shown = np.maximum(force - 5e-5 * p * way, 0.0) + zero + 0.5 * random.standard_normal(len(p))
+    rows = np.column_stack([p, LENGTH - x, shown, way])
+    remarks = identify(read(write(tmp_path / "z.csv", rows, "p_Pa_gauge,L_m,F_N,direction"))).remarks
+    (caution,) = (one for one in remarks if "is its zero off? Subtract it" in one)
+    assert float(caution.split("shows ")[1].split(" N")[0]) == pytest.approx(zero, abs=3.0)
+
+
 def _states(path):
     s = read(path).samples
     return s.contraction, s.pressure
