@@ -94,10 +94,13 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
         outcome = outcome_of(start, bare, settings, remarks)
     if declared := declared_otherwise(found, settings):
         return outcome.of_mistaken(declared)
+    if start.against and outcome.verdict == "explained":  # what drives it is known, and leaves noise alone
+        rest = [one for one in outcome.remarks if one != start.against]
+        start, outcome = replace(start, mistaken=False), replace(outcome, remarks=rest)
+    if start.mistaken:
+        return outcome.described(None).of_mistaken(f"the recordings seem to have a mistake ({CHECK})")
     if outcome.verdict not in OPEN:
-        return _doubted(start, found, outcome)
-    if start.mistaken:  # what is left is of the mistake
-        return _doubted(start, found, outcome.described(None))
+        return of_ratios(outcome, found.problem, found.null).of_skewed(start.stamps, start.skewed)
     if outcome.foreign or (not outcome.effects and stamped_late(start.system, found.steps)):
         return outcome.described(None)
     progress("describing what is left")
@@ -105,13 +108,6 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
         return _described(start, outcome, start.problem, start.null)
     told = _described(start, outcome, found.final_problem, found.final)
     return told if told.verdict != DESCRIBED else _or_without_names(start, told)
-
-
-def _doubted(start: Beginning, found: Selection, outcome: Outcome) -> Outcome:
-    """Return an outcome that explains the gap with what speaks against it, if anything does."""
-    if start.mistaken:
-        return outcome.of_mistaken(f"the recordings seem to have a mistake ({CHECK})")
-    return of_ratios(outcome, found.problem, found.null).of_skewed(start.stamps, start.skewed)
 
 
 def _described(start: Beginning, outcome: Outcome, problem: Problem, model: Fit) -> Outcome:

@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 
 from pam_orthosis.discrepancy.answer.curves import curves
+from pam_orthosis.discrepancy.answer.digits import digits, interval_words
 from pam_orthosis.discrepancy.answer.judgement import Outcome
 from pam_orthosis.discrepancy.answer.unknown_words import resemblance
 from pam_orthosis.discrepancy.answer.verdict import runner_up_words
@@ -142,7 +143,7 @@ def _values(outcome: Outcome, one: Named) -> list[tuple[str, ...]]:
         row = quantity.meaning, f"{value:.4g}{of}" + ", at its bound" * (name in one.at_bound)
         wrong = one.name in outcome.system.wrong
         had = [f"{outcome.system.nominal_of(one.name):.4g}{of}"] if wrong else []
-        rows.append((*row, f"{low:.4g} to {high:.4g}{of}", *had))
+        rows.append((*row, interval_words(low, high, digits(low, high, 4), "to", of), *had))
     return rows
 
 

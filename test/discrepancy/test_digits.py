@@ -3,7 +3,7 @@
 
 import pytest
 
-from pam_orthosis.discrepancy.answer.digits import digits
+from pam_orthosis.discrepancy.answer.digits import UNKNOWN, digits, interval_words
 
 
 @pytest.mark.parametrize(
@@ -19,3 +19,10 @@ from pam_orthosis.discrepancy.answer.digits import digits
 def test_the_ends_of_an_interval_differ_where_it_has_a_width(lower, upper, fewest, shown):
     count = digits(lower, upper, fewest)
     assert f"{lower:.{count}g} .. {upper:.{count}g}" == shown
+
+
+def test_an_interval_without_a_width_is_unknown():
+    assert interval_words(34.66, 34.67, 4, "..") == "34.66 .. 34.67"
+    assert interval_words(34.66, 34.66 + 1e-9, 4, "..") == UNKNOWN
+    assert interval_words(0.0, 0.0, 4, "to", " N") == UNKNOWN
+    assert interval_words(0.0, 1.0, 4, "to", " N") == "0 to 1 N"

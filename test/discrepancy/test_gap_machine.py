@@ -5,6 +5,7 @@ import csv
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
 from pam_orthosis.discrepancy.preparation import beginning
 from pam_orthosis.discrepancy.preparation.beginning import begin
+from pam_orthosis.discrepancy.preparation.mistakes import against_words
 from pam_orthosis.discrepancy.recordings.data import from_csv
 from pam_orthosis.discrepancy.systems.declared import declared_machine
 from pam_orthosis.discrepancy.systems.soundness import check_system
@@ -101,6 +103,28 @@ def test_the_system_of_a_file_fits_together_and_is_the_emulated_machine(machine,
     (remark,) = remarks_on_agreement(start.problem, start.held_out, start.null)
     assert "friction.csv: is that of another apparatus" in remark
     assert not remarks_on_agreement(start.held_out, start.problem, start.null)  # it fits neither
+
+
+def test_a_coordinate_that_moves_against_all_forces_is_said(machine, tmp_path, monkeypatch):
+    """Where friction is most of the gap, another sign fits as well: only the work of the forces shows it."""
+    _, declared = machine
+    parameters = load(AS_DECLARED, declared)
+    system = declared_machine(declared, parameters)
+    right = [from_csv(_write(tmp_path / f"{seed}.csv", declared, seed, 30.0), system) for seed in (1, 2)]
+    turned = [
+        replace(one, signals={**one.signals, "position": 0.3 - one.signals["position"]}) for one in right
+    ]
+    monkeypatch.setattr(beginning, "mistake_words", lambda *_: "")  # that both valves are exchanged
+    start = begin(system, turned[:1], turned[1:], parameters.gap)
+    (said,) = (one for one in start.remarks if one.startswith("CHECK"))
+    assert "position moves against the forces on it" in said
+    assert "external_force" not in said
+    assert (start.mistaken, start.against) == (True, said)
+    start = begin(system, right[:1], right[1:], parameters.gap)
+    assert not start.mistaken
+    braked = declared_machine(declared, parameters.changed({"machine.mechanism.damping": 4000.0}))
+    start = begin(braked, right[:1], right[1:], parameters.gap)
+    assert not against_words(start.held_out), "a model that brakes too much lacks a drive, and none is there"
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from pam_orthosis.discrepancy.answer.unknown_words import short, unknown_as_dict
 from pam_orthosis.discrepancy.fitting.measure import over_noise
 from pam_orthosis.discrepancy.preparation import beginning
 from pam_orthosis.discrepancy.recordings.data import from_arrays
+from pam_orthosis.discrepancy.replay.injection import Injection, injection
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
@@ -21,7 +22,6 @@ from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.systems.system import Channel, Entry, Equation, System
 from pam_orthosis.discrepancy.unknown import curve_fit, description, unknown, waves
 from pam_orthosis.discrepancy.unknown.events import Event
-from pam_orthosis.discrepancy.unknown.injection import Injection, injection
 from pam_orthosis.discrepancy.unknown.unknown import Unknown
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap_figures

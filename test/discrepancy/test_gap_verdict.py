@@ -297,6 +297,22 @@ def test_a_search_that_fails_says_what_mistake_the_recordings_seem_to_have(frict
     assert str(told.value) == (f"{mistake[0]} (no minimum)" if mistake else "no minimum")
 
 
+@pytest.mark.parametrize(
+    ("verdict", "against", "judged"),
+    [("explained", False, "partial"), ("explained", True, "explained"), ("partial", True, "partial")],
+)
+def test_what_makes_up_for_a_mistake_is_no_answer(friction, monkeypatch, verdict, against, judged):
+    """But for what drives a coordinate that seemed to move against all forces: it is known then."""
+    start, outcome, settings = friction
+    doubt = "CHECK THE RECORDINGS: angle moves against the forces on it"
+    monkeypatch.setattr(workflow.select, "extended", lambda *_: outcome.selection)
+    monkeypatch.setattr(workflow, "outcome_of", lambda *_: replace(outcome, verdict=verdict, remarks=[doubt]))
+    found = workflow.search(replace(start, mistaken=True, against=doubt if against else ""), settings)
+    doubted = judged != "explained"
+    assert (found.verdict, doubt in found.remarks, bool(found.mistaken)) == (judged, doubted, doubted)
+    assert ("may only make up for it" in describe(found).splitlines()[-1]) == doubted
+
+
 def test_what_is_left_has_one_measure(friction):
     """The root mean square over the noise, in the table, the file and the verdict alike."""
     _, outcome, _ = friction

@@ -4,6 +4,8 @@
 import math
 
 MOST_DIGITS = 9
+NARROWEST = 1e-7  # of a value: no recording shows more, and a fit that says so does not know its interval
+UNKNOWN = "interval unknown"
 
 
 def digits(lower: float, upper: float, fewest: int) -> int:
@@ -12,6 +14,13 @@ def digits(lower: float, upper: float, fewest: int) -> int:
     if not 0 < width < largest:
         return fewest
     return min(max(fewest, 1 + math.ceil(math.log10(largest / width))), MOST_DIGITS)
+
+
+def interval_words(lower: float, upper: float, shown: int, between: str, unit: str = "") -> str:
+    """Return an interval in so many digits; that it is unknown where it has no width."""
+    if not upper - lower > NARROWEST * max(abs(lower), abs(upper)):
+        return UNKNOWN
+    return f"{lower:.{shown}g} {between} {upper:.{shown}g}{unit}"
 
 
 def in_short(size: tuple[float, str]) -> str:

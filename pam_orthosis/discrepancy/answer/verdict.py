@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 
 from pam_orthosis.discrepancy.answer.curves import curves, in_words
-from pam_orthosis.discrepancy.answer.digits import digits, in_short, of_unit
+from pam_orthosis.discrepancy.answer.digits import digits, in_short, interval_words, of_unit
 from pam_orthosis.discrepancy.answer.judgement import GOOD, Outcome, beyond
 from pam_orthosis.discrepancy.answer.last_line import far, last_line, off_words
 from pam_orthosis.discrepancy.answer.patch import DESCRIBED, changes_of, overrides
@@ -255,7 +255,7 @@ def _wrong(system: System, one: Named) -> str:
 
 def _with_interval(value: float, unit: str, lower: float, upper: float, more: str = "") -> str:
     shown = digits(lower, upper, FEWEST_DIGITS)
-    return f"{value:.{shown}g}{of_unit(unit)} ({lower:.{shown}g} .. {upper:.{shown}g}{more})"
+    return f"{value:.{shown}g}{of_unit(unit)} ({interval_words(lower, upper, shown, '..')}{more})"
 
 
 def _certainty(value: float, _unit: str, lower: float, upper: float) -> float:

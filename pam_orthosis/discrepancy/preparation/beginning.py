@@ -12,7 +12,7 @@ from pam_orthosis.discrepancy.fitting.measure import Samples
 from pam_orthosis.discrepancy.preparation import check
 from pam_orthosis.discrepancy.preparation.clocks import aligned
 from pam_orthosis.discrepancy.preparation.glitches import without_glitches
-from pam_orthosis.discrepancy.preparation.mistakes import mistake_words
+from pam_orthosis.discrepancy.preparation.mistakes import against_words, mistake_words
 from pam_orthosis.discrepancy.recordings.data import Recording
 from pam_orthosis.discrepancy.recordings.memory import check_room
 from pam_orthosis.discrepancy.recordings.stamps import Found, clearly_off, remarks_on, shared_skews
@@ -40,6 +40,7 @@ class Beginning:
         floor: what noise alone leaves in them.
         remarks: on the recordings.
         mistaken: whether one of these says that they seem to have a mistake.
+        against: the one on a coordinate that moves against all known forces; empty if none does.
         skewed: whether one says that stamps are clearly off.
         beyond: whether one says that they leave what the model's maps know.
         stamps: those that say that stamps are off.
@@ -57,6 +58,7 @@ class Beginning:
     floor: measure.Gap
     remarks: tuple[str, ...]
     mistaken: bool = False
+    against: str = ""
     skewed: bool = False
     beyond: bool = False
     stamps: tuple[str, ...] = ()
@@ -126,7 +128,9 @@ def begin(
     problem, judge, moved = aligned(problem, null, judge, cutoff)
     mistake = mistake_words(judge, cutoff)
     stamps = [] if mistake else remarks_on(whole, skews)  # a mistake may look like stamps that are off
+    against = "" if mistake else against_words(judge)
     remarks += [mistake] if mistake else stamps
+    remarks += [against] * bool(against)
     return Beginning(
         system,
         problem,
@@ -134,7 +138,8 @@ def begin(
         judge,
         floor,
         tuple(remarks),
-        mistaken=bool(mistake),
+        mistaken=bool(mistake or against),
+        against=against,
         skewed=not mistake and clearly_off(skews),
         beyond=bool(beyond),
         stamps=tuple(stamps),

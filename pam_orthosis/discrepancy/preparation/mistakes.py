@@ -2,7 +2,7 @@
 """What may be wrong with the recordings themselves: the model as configured fits them far better without it.
 
 Gauge pressures that stay above the ambient one, another sign, kN for N, exchanged columns, rows in reverse
-order: all look like any recording.
+order: all look like any recording. What rubs hides a sign: only the work of the forces shows it then.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,14 +11,19 @@ from dataclasses import replace
 import numpy as np
 
 from pam_orthosis.discrepancy.fitting import measure
+from pam_orthosis.discrepancy.recordings.data import smoothed
+from pam_orthosis.discrepancy.replay.injection import injection
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.run import Run
-from pam_orthosis.discrepancy.systems.system import System
+from pam_orthosis.discrepancy.systems.system import Equation, System
 
 Signals = Mapping[str, np.ndarray]
 CHECK = "CHECK THE RECORDINGS"
 SUSPECT, BETTER = 20.0, 4.0  # times the noise that most mistakes leave; the factor by which mending helps
 ALIKE = 1.1  # times what the best mending leaves: as good, as of an input and of what alone it drives
+SLOW = 8.0  # Hz, below which what drives a motion is looked at
+CREEP = 0.1  # of the usual velocity, below which the direction of a motion is uncertain
+DRIVEN = 0.5  # correlation of what is missing with the direction of motion: rubbing gives a negative one
 
 
 def mistake_words(held_out: Problem, cutoff: float) -> str:
@@ -129,3 +134,43 @@ def _signed(system: System) -> list[str]:
         return [one.name for one in system.channels if one.state in system.derived.values()]
     inputs = [name for name in system.inputs if name not in system.sensed]
     return [*(one.name for one in system.channels), *inputs]
+
+
+def against_words(held_out: Problem) -> str:
+    """Return what is said of a coordinate of a machine that moves against all known forces; empty if none."""
+    system = held_out.system
+    if system.changed is not None:  # what a system of a user's own may lack, nobody knows
+        return ""
+    for equation in system.equations:
+        for name in equation.channels:
+            if system.channel(name).state in system.derived.values() and _is_driven(held_out, equation, name):
+                cells = "".join(f", or that of {one}" for one in system.sensed)
+                return (
+                    f"{CHECK}: {name} moves against the forces on it, as nothing does that rubs: is its sign"
+                    f" reversed (--columns {name}=-COLUMN, or the arms and the range of the machine){cells},"
+                    " or does something drive it that is not recorded?"
+                )
+    return ""
+
+
+def _is_driven(held_out: Problem, equation: Equation, channel: str) -> bool:
+    return all(_along(held_out, one, equation, channel) > DRIVEN for one in held_out.scored)
+
+
+def _along(held_out: Problem, one: Scored, equation: Equation, channel: str) -> float:
+    """Return the correlation of what is missing with the direction of a coordinate's motion.
+
+    The model's damping at the coordinate is left out: too much of it would look like a drive.
+    """
+    values = held_out.replay.defaults(())
+    linear = injection(held_out.replay, one.run, equation, channel, values)
+    if linear is None:
+        return 0.0
+    raw = held_out.replay.residuals(one.run, equation, (), values)
+    place = smoothed(one.run.recording.signals[channel], one.run.period, SLOW)
+    velocity = np.gradient(place, one.run.period)
+    missing = linear.added(raw, SLOW) + linear.slopes[:, linear.driven, linear.driven] * velocity
+    missing, velocity = missing[one.warm_up :], velocity[one.warm_up :]
+    usual = CREEP * float(np.std(velocity))
+    way = np.clip(velocity / max(usual, 1e-300), -1.0, 1.0)
+    return float(missing @ way / max(np.linalg.norm(missing) * np.linalg.norm(way), 1e-300))

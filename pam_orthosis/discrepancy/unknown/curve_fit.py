@@ -11,10 +11,10 @@ import numpy as np
 
 from pam_orthosis.discrepancy.fitting.fit import Fit, scaled_slopes
 from pam_orthosis.discrepancy.fitting.structure import signals_of
+from pam_orthosis.discrepancy.replay.injection import Injection, injection
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.search.confirmation import LEAST_T, block_sums, t_value
 from pam_orthosis.discrepancy.systems.system import Entry, Equation, System
-from pam_orthosis.discrepancy.unknown.injection import Injection, injection
 from pam_orthosis.discrepancy.unknown.waves import wave_basis, wave_slope
 
 KNOTS = (8, 20)  # of a curve: as few as held-out recordings allow

@@ -7,10 +7,10 @@ import numpy as np
 from scipy.ndimage import label
 
 from pam_orthosis.discrepancy.fitting.fit import Fit
+from pam_orthosis.discrepancy.replay.injection import injection
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.systems.system import Equation
 from pam_orthosis.discrepancy.unknown.curve_fit import SLOW, lever
-from pam_orthosis.discrepancy.unknown.injection import injection
 
 ABOVE = 5.0  # robust standard deviations of what is missing, from which on it is an event
 NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
