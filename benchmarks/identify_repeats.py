@@ -76,7 +76,8 @@ def table(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for count in dict(held):
         if count[1] == "repeats":
             own, runs = held[count], held[count[0], "runs"]
-            yield f"| {count[0]} | {own.mean():.0%} | {own.min():.0%} | {low[count[0]]:.0%} | {runs.mean():.0%} |"
+            shares = (own.mean(), own.min(), low[count[0]], runs.mean())
+            yield f"| {count[0]} | {' | '.join(f'{one:.0%}' for one in shares)} |"
 
 
 if __name__ == "__main__":

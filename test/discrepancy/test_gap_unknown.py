@@ -9,7 +9,7 @@ import pytest
 
 from pam_orthosis.control import effects
 from pam_orthosis.discrepancy.answer import patch
-from pam_orthosis.discrepancy.answer.unknown_words import short, unknown_as_dict, unknown_words
+from pam_orthosis.discrepancy.answer.unknown_words import short, unannounced, unknown_as_dict, unknown_words
 from pam_orthosis.discrepancy.fitting.measure import over_noise
 from pam_orthosis.discrepancy.preparation import beginning
 from pam_orthosis.discrepancy.recordings.data import from_arrays
@@ -21,7 +21,7 @@ from pam_orthosis.discrepancy.replay.whitening import Whitener
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.systems.system import Channel, Entry, Equation, System
 from pam_orthosis.discrepancy.unknown import curve_fit, description, unknown, waves
-from pam_orthosis.discrepancy.unknown.events import Event
+from pam_orthosis.discrepancy.unknown.events import Event, end_of
 from pam_orthosis.discrepancy.unknown.unknown import Unknown
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap_figures
@@ -164,7 +164,8 @@ def test_pushes_at_instants_of_their_own_are_events(bench, reported):
     assert [event.time for event in found.events] == pytest.approx([4.0, 7.3, 10.1], abs=0.1)
     assert [event.size for event in found.events] == pytest.approx([1.5] * 3, rel=0.35)
     (line,) = unknown_words(bench.system, found)
-    assert "of nothing that was measured; pushes in run 3 at 4.0 s (+1." in line
+    assert "equation: no curve of a measured signal explains them; pushes in run 3 at 4.0 s (+1." in line
+    assert found.end is None
     assert " N m for 0." in line
     assert {event.channel for event in found.events} == {"angle"}
     assert short(bench.system, found) == "3 pushes (in run 3 at 4.0 s, 7.3 s, 10.1 s)"
@@ -176,6 +177,26 @@ def test_pushes_at_instants_of_their_own_are_events(bench, reported):
     (drifting,) = unknown_words(bench.system, bare, {"time": 0.6, "angle": 0.1})
     assert "it changes with time: a sensor's zero that drifts" in drifting
     assert unknown_words(bench.system, bare, {"angle": 0.6, "time": 0.1}) == unknown_words(bench.system, bare)
+
+
+def test_pushes_at_one_end_of_a_coordinate_may_be_of_an_end_stop(bench):
+    run = Run(bench.system, bench.recording(3), 10.0)
+    problem = Problem(bench.replay, [Scored(run, None, 500)])
+    angle = run.smooth("angle")
+    behind = np.arange(len(angle)) >= 500
+    high, half = (np.flatnonzero(behind & (angle >= np.quantile(angle, q))) for q in (0.98, 0.4))
+    high, half = (places[[0, len(places) // 2, -1]] for places in (high, half))
+
+    def pushes(places):
+        start, period = run.recording.start, run.period
+        return [Event(run.recording.name, "angle", start + at * period, 1.0 + at, 0.1) for at in places]
+
+    end = end_of(problem, pushes(high))
+    assert (end.signal, end.above) == ("angle", True)
+    assert (end.value, end.largest) == (min(angle[high]), angle[high[-1]])
+    told = unannounced(bench.system, Unknown("torque", (), pushes(high), end=end))
+    assert f"all are where angle is above {end.value:.3g} rad, the largest at" in told
+    assert end_of(problem, pushes(half)) is None
 
 
 def test_a_push_has_the_unit_of_its_channel():

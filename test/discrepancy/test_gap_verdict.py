@@ -196,7 +196,7 @@ def test_pushes_are_no_description(friction):
     reported = open_.described(pushes)
     assert (reported.verdict, reported.foreign) == ("unexplained", False)
     last = describe(reported).splitlines()[-1]
-    assert last.endswith("2 pushes (in run at 3.1 s, 7.4 s), of nothing that was measured")
+    assert last.endswith("2 pushes (in run at 3.1 s, 7.4 s); no curve of a measured signal explains them")
     assert open_.described(replace(pushes, events=())).foreign
 
 

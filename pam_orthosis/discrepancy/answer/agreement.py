@@ -65,8 +65,8 @@ def _without(start: Beginning, name: str, others: list[int]) -> str:
     if MUCH * rest > min(before, now[name]):
         return ""
     return (
-        f"{name} stands apart: recalibrated without it, the model leaves at most {rest:.1f} times the noise in"
-        f" the others ({before:.1f} with it), and {now[name]:.0f} times in it; try without it"
+        f"{name} stands apart: recalibrated without it, the model leaves at most {rest:.1f} times the noise"
+        f" in the others ({before:.1f} with it), and {now[name]:.0f} times in it; try without it"
     )
 
 

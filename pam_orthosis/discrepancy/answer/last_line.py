@@ -14,7 +14,7 @@ from pam_orthosis.discrepancy.answer.judgement import (
     off,
     shares_moved,
 )
-from pam_orthosis.discrepancy.answer.unknown_words import short
+from pam_orthosis.discrepancy.answer.unknown_words import short, unannounced
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.fitting.structure import clean
 from pam_orthosis.discrepancy.search.confirmation import at_values
@@ -182,7 +182,8 @@ def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
             " them; fit recordings that reach as far, or something is missing that acts as these do"
         )
     if outcome.unknown and outcome.unknown.events:
-        return f"{left}; {short(outcome.system, outcome.unknown)}, of nothing that was measured"
+        pushes, system = outcome.unknown, outcome.system
+        return f"{left}; {short(system, pushes)}; {unannounced(system, pushes)}"
     return left if outcome.empty else f"{left}; {_refusal(outcome)}"
 
 

@@ -29,6 +29,18 @@ def short(system: System, unknown: Unknown) -> str:
     return f"{len(unknown.events)} {_pushes(unknown)} ({times}" + (f" and {more} more)" if more > 0 else ")")
 
 
+def unannounced(system: System, unknown: Unknown) -> str:
+    """Return that no curve explains pushes, and at which end of a coordinate they are, if at one."""
+    words = "no curve of a measured signal explains them"
+    if unknown.end is None:
+        return words
+    end, side = unknown.end, "above" if unknown.end.above else "below"
+    place, largest = (f"{value:.3g} {system.unit(end.signal)}" for value in (end.value, end.largest))
+    return (
+        f"{words}, and all are where {end.signal} is {side} {place}, the largest at {largest}: an end stop?"
+    )
+
+
 def _by_recording(unknown: Unknown, told: Callable[[Event], str]) -> str:
     """Return the first events in words, and in which recordings they are: each has a clock of its own."""
     found: dict[str, list[str]] = {}
@@ -60,7 +72,7 @@ def unknown_words(
         (equation,) = (one for one in system.equations if one.name == unknown.equation)
         several = len(equation.channels) > 1
         told = _by_recording(unknown, lambda event: _push(system, event, several))
-        return [f"unknown {where}: of nothing that was measured; {_pushes(unknown)} {told}"]
+        return [f"unknown {where}: {unannounced(system, unknown)}; {_pushes(unknown)} {told}"]
     if (shares or {}).get("time", 0.0) >= DRIFTING:
         return [f"unknown {where}: it changes with time: a sensor's zero that drifts, what wears or warms?"]
     tried = f"up to {knots_of(system)[-1]} points were tried"

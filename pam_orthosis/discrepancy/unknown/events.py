@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Events in what a model lacks: short pushes at instants of their own, which no measured signal announces."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ ABOVE = 5.0  # robust standard deviations of what is missing, from which on it i
 NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
 SHORTEST = 0.05  # s
 MOST_OF_TIME, LEAST_OF_POWER = 0.3, 0.6  # events are rare, and most of what is missing
+CHANCE = 1e-3  # that events at any instants all lie so near one end of a coordinate
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,16 @@ class Event:
     time: float
     size: float
     seconds: float
+
+
+@dataclass(frozen=True)
+class End:
+    """Where all events are: where a coordinate is above (else below) a value; where the largest is."""
+
+    signal: str
+    above: bool
+    value: float
+    largest: float
 
 
 def events(problem: Problem, model: Fit, equation: Equation, channel: str) -> list[Event]:
@@ -74,3 +86,23 @@ def _in_run(one: Scored, channel: str, unknown: np.ndarray) -> list[tuple[Event,
             time = one.run.recording.start + (one.warm_up + peak) * one.run.period
             found.append((Event(one.run.recording.name, channel, time, size, seconds), part))
     return found
+
+
+def end_of(problem: Problem, found: Sequence[Event]) -> End | None:
+    """Return the end of a coordinate at which all events are; None if they are at none."""
+    system, runs = problem.system, {one.run.recording.name: one for one in problem.scored}
+    largest = int(np.argmax([abs(event.size) for event in found]))
+    for name in (one.name for one in system.channels if one.state in system.derived.values()):
+        every = np.concatenate([one.run.smooth(name)[one.warm_up :] for one in problem.scored])
+        places = [_place(runs[event.recording], name, event) for event in found]
+        for above, value in ((True, min(places)), (False, max(places))):
+            share = float(np.mean(every >= value if above else every <= value))
+            if share ** len(places) < CHANCE:
+                return End(name, above, value, places[largest])
+    return None
+
+
+def _place(one: Scored, name: str, event: Event) -> float:
+    """Return where a coordinate is at an event."""
+    at = round((event.time - one.run.recording.start) / one.run.period)
+    return float(one.run.smooth(name)[at])

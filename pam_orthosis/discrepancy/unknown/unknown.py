@@ -9,7 +9,7 @@ from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.systems.system import Values
 from pam_orthosis.discrepancy.unknown.description import Description, described
-from pam_orthosis.discrepancy.unknown.events import Event, events
+from pam_orthosis.discrepancy.unknown.events import End, Event, end_of, events
 
 LEAST_GAP = 1.15  # over the noise, in an equation: below it nothing can be said of what is left
 
@@ -24,12 +24,14 @@ class Unknown:
         events: of the held-out recordings, if these are most of it.
         beside: key of a model file -> the value that a parameter has beside the descriptions, in a model that
             has them.
+        end: of a coordinate, where all events are; None: at none.
     """
 
     equation: str
     descriptions: Sequence[Description]
     events: Sequence[Event]
     beside: Values = field(default_factory=dict)
+    end: End | None = None
 
     @property
     def reduced(self) -> float:
@@ -45,4 +47,4 @@ def unknown(problem: Problem, judge: Problem, model: Fit, floor: measure.Gap) ->
         return None
     found = described(problem, judge, model, worst)
     pushes = [] if found else [one for c in worst.channels for one in events(judge, model, worst, c)]
-    return Unknown(worst.name, found, tuple(pushes))
+    return Unknown(worst.name, found, tuple(pushes), end=end_of(judge, pushes) if pushes else None)
