@@ -15,6 +15,7 @@ from pam_orthosis.discrepancy.replay.problem import Block, Problem, Scored
 from pam_orthosis.discrepancy.search import acceptance
 from pam_orthosis.discrepancy.search.confirmation import Seen
 from pam_orthosis.discrepancy.search.findings import deviations, interval
+from pam_orthosis.model.effects.base import Contribution, Effect, Quantity
 
 SAMPLES = 400
 RNG = np.random.default_rng(29)
@@ -129,8 +130,8 @@ def judged(monkeypatch, models, strained=False, silent=False, due=100.0, fall=0.
     monkeypatch.setattr(acceptance, "confirmed", lambda *args: seen[args[-1].effects[-1]])
     monkeypatch.setattr(acceptance, "is_visible", lambda *_: not strained)
     monkeypatch.setattr(acceptance, "leaves_noise_alone", lambda *_: silent)
-    size = SimpleNamespace(name="size", neutral=0.0, unit="kg/(s Pa)")
-    effect = SimpleNamespace(parameters=(), fitted=[size], shape=False, minimum_effect=1.0, late=None)
+    size = Quantity("size", 1.0, "kg/(s Pa)", 0.0, 1e3, "of the leak", 0.0)
+    effect = Effect("leak", "gas", (size,), lambda *_: Contribution({}), "", "", minimum_effect=1.0)
     weighted = SimpleNamespace(weights={}, weighted=lambda _: None)
     problem = SimpleNamespace(
         system=SimpleNamespace(catalogue=dict.fromkeys(models, effect)), weighted=lambda _: None

@@ -177,9 +177,10 @@ def emptied(system: System, name: str, model: Fit) -> tuple[str, ...]:
 def is_slow(problem: Problem, name: str, model: Fit) -> bool:
     """Return whether an effect is a lag that no recording is long enough to tell from a zero or a drift."""
     effect = problem.system.catalogue[name]
+    if not is_lag(effect):
+        return False
     longest = max(one.run.recording.samples * one.run.period for one in problem.scored)
-    size = model.values[f"{name}.{effect.fitted[0].name}"]
-    return is_lag(effect) and size > MOST_OF_RECORDING * longest
+    return model.values[f"{name}.{effect.fitted[0].name}"] > MOST_OF_RECORDING * longest
 
 
 def at_values(system: System, model: Fit, keys: Sequence[str]) -> str:
