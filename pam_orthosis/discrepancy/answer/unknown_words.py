@@ -17,7 +17,7 @@ MOST_EVENTS = 4  # in one line
 FEWEST_DIGITS = 3  # of a curve's amplitude
 ALL = 0.99  # of a gap
 LARGER = 1.5  # half the range of a curve over that of its shape, which is worth a word
-DRIFTING = 0.5  # of the gap, that time explains
+DRIFTING, CLEARLY = 0.5, 2.0  # of the gap, that time explains; times what any other signal does
 
 
 def short(system: System, unknown: Unknown) -> str:
@@ -73,7 +73,7 @@ def unknown_words(
         several = len(equation.channels) > 1
         told = _by_recording(unknown, lambda event: _push(system, event, several))
         return [f"unknown {where}: {unannounced(system, unknown)}; {_pushes(unknown)} {told}"]
-    if (shares or {}).get("time", 0.0) >= DRIFTING:
+    if _drifts(shares or {}):
         return [f"unknown {where}: it changes with time: a sensor's zero that drifts, what wears or warms?"]
     tried = f"up to {knots_of(system)[-1]} points were tried"
     return [
@@ -84,6 +84,12 @@ def unknown_words(
 
 def _pushes(unknown: Unknown) -> str:
     return "push" if len(unknown.events) == 1 else "pushes"
+
+
+def _drifts(shares: Values) -> bool:
+    """Return whether time explains most, and clearly more than a signal: by chance a slow one follows it."""
+    others = max((share for name, share in shares.items() if name != "time"), default=0.0)
+    return shares.get("time", 0.0) >= max(DRIFTING, CLEARLY * others)
 
 
 def _push(system: System, event: Event, named: bool) -> str:

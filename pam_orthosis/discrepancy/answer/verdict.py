@@ -149,7 +149,8 @@ def describe(outcome: Outcome) -> str:
     lines += remark_lines(outcome.remarks)
     lines += _left(outcome)
     if outcome.unknown is not None:
-        shares = {one.equation: one.coordinates for one in outcome.where}.get(outcome.unknown.equation)
+        places = outcome.left if outcome.effects else outcome.where
+        shares = {one.equation: one.coordinates for one in places}.get(outcome.unknown.equation)
         lines += unknown_words(outcome.system, outcome.unknown, shares, outcome.verdict == DESCRIBED)
     lines.append(last_line(outcome))
     return "\n".join(lines)
