@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Do recordings agree? A model may leave noise of those that it was fitted to, and much of another."""
 
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import TypeAlias
+
 import numpy as np
 
 from pam_orthosis.discrepancy.fitting.fit import Fit
@@ -10,6 +14,8 @@ from pam_orthosis.discrepancy.preparation.beginning import Beginning
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.progress import silent
+
+Left: TypeAlias = Mapping[str, float]  # recording -> times the noise
 
 LITTLE, MUCH = 1.5, 5.0  # times the noise in the channel where it is most
 WORSE = 1.5  # times what the nominal model leaves
@@ -46,22 +52,28 @@ def _apart(start: Beginning) -> list[str]:
 
     Else on the only one that a recalibrated model fits by itself.
     """
-    every = start.problem.scored
-    if not 1 < len(every) <= MOST_TRIED or max(_all_left(start, start.null).values()) < MUCH:
+    names, whole = [one.run.recording.name for one in start.problem.scored], _all_left(start, start.null)
+    if not 1 < len(names) <= MOST_TRIED or max(whole.values()) < MUCH:
         return []
-    names = [one.run.recording.name for one in every]
-    for i, name in enumerate(names):
-        if words := _without(start, name, [*range(i), *range(i + 1, len(every))]):
-            return [words]
-    alone = [words for i, name in enumerate(names) if (words := _alone(start, name, i))]
+
+    @cache  # of two recordings one alone is what is without the other
+    def left(*places: int) -> Left:
+        return _all_left(start, _recalibrated_to(start, places))
+
+    places = range(len(names))
+    without = (_without(name, whole, left(*(j for j in places if j != i))) for i, name in enumerate(names))
+    if words := next(filter(None, without), ""):
+        return [words]
+    alone = [words for i, name in enumerate(names) if (words := _alone(name, left(i)))]
     return alone if len(alone) == 1 else []
 
 
-def _without(start: Beginning, name: str, others: list[int]) -> str:
-    """Return what is said of a recording without which the others fit far better; empty if they do not."""
-    left = _all_left(start, start.null)
-    now = _all_left(start, _recalibrated_to(start, others))
-    before, rest = (max(value for of, value in found.items() if of != name) for found in (left, now))
+def _without(name: str, whole: Left, now: Left) -> str:
+    """Return what is said of a recording without which the others fit far better; empty if they do not.
+
+    `whole`: what is left by the model that was recalibrated to all of them; `now`: without it.
+    """
+    before, rest = (max(value for of, value in found.items() if of != name) for found in (whole, now))
     if MUCH * rest > min(before, now[name]):
         return ""
     return (
@@ -70,9 +82,8 @@ def _without(start: Beginning, name: str, others: list[int]) -> str:
     )
 
 
-def _alone(start: Beginning, name: str, place: int) -> str:
+def _alone(name: str, now: Left) -> str:
     """Return what is said of a recording that the model fits by itself, and no other one; empty if not."""
-    now = _all_left(start, _recalibrated_to(start, [place]))
     least = min(value for of, value in now.items() if of != name)
     if now[name] > LITTLE or least < MUCH:
         return ""
@@ -83,7 +94,7 @@ def _alone(start: Beginning, name: str, place: int) -> str:
     )
 
 
-def _recalibrated_to(start: Beginning, places: list[int]) -> Fit:
+def _recalibrated_to(start: Beginning, places: Sequence[int]) -> Fit:
     """Return the model recalibrated to some of the recordings; the one of all if these have no minimum."""
     try:
         return recalibrated(start.problem.on([start.problem.scored[i] for i in places]), silent)[1]
@@ -91,7 +102,7 @@ def _recalibrated_to(start: Beginning, places: list[int]) -> Fit:
         return start.null
 
 
-def _all_left(start: Beginning, model: Fit) -> dict[str, float]:
+def _all_left(start: Beginning, model: Fit) -> Left:
     """Return what `_left` does of recordings to fit and those that judge."""
     return {**_left(start.problem, model), **_left(start.held_out, model)}
 
