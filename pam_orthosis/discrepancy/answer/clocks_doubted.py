@@ -37,7 +37,7 @@ def _fits_better(start: Beginning, outcome: Outcome, cutoff: float) -> bool:
     """Return whether what is named, or the recalibrated model, fits recordings with moved signals better."""
     found, judge = outcome.selection, outcome.held_out
     problem, model = (found.final_problem, found.final) if outcome.effects else (found.problem, found.null)
-    moved = _moved(start, [*problem.scored, *judge.scored], cutoff)
+    moved = _moved(start, problem.system, [*problem.scored, *judge.scored], cutoff)
     fitted, judged = problem.on(moved[: len(problem.scored)]), judge.on(moved[len(problem.scored) :])
     pairs = ((fitted, problem), (judged, judge))
     try:
@@ -58,18 +58,17 @@ def _overall(problem: Problem, model: Fit) -> float:
     return measure.gap(problem, model).white[measure.OVERALL]
 
 
-def _moved(start: Beginning, scored: Sequence[Scored], cutoff: float) -> list[Scored]:
+def _moved(start: Beginning, system: System, scored: Sequence[Scored], cutoff: float) -> list[Scored]:
     """Return runs whose signals are moved by the skews of their recordings, or those of others."""
     skews = [[*many] for _, many in start.skews]
     usual = list({skew[:2]: skew for many in skews for skew in many}.values())
     result = []
     for i, one in enumerate(scored):
         recording = one.run.recording
-        for skew in (
-            skews[i % len(skews)] or usual
-        ):  # without recordings that judge, parts of the same ones do
-            recording = _shifted(recording, start.system, skew)
-        result.append(Scored(Run(start.system, recording, cutoff), one.whiten, one.warm_up))
+        own = skews[i % len(skews)]  # of the same recording, where its last part judges
+        for skew in own or usual:
+            recording = _shifted(recording, system, skew)
+        result.append(Scored(Run(system, recording, cutoff), one.whiten, one.warm_up))
     return result
 
 
