@@ -76,8 +76,8 @@ def table(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for count in dict(held):
         if count[1] == "repeats":
             own, runs = held[count], held[count[0], "runs"]
-            shares = (own.mean(), own.min(), low[count[0]], runs.mean())
-            yield f"| {count[0]} | {' | '.join(f'{one:.0%}' for one in shares)} |"
+            shares = own.mean(), own.min(), low[count[0]], runs.mean()
+            yield " | ".join([f"| {count[0]}", *(f"{share:.0%}" for share in shares)]) + " |"
 
 
 if __name__ == "__main__":

@@ -116,7 +116,7 @@ def _of_system(file: Path, model: Path | None) -> Nominal:
 
 
 def _of_apparatus(asked: Asked, mapping: Mapping[str, str]) -> Nominal:
-    machine = machine_named(asked.machine) if isinstance(asked.machine, Path) else asked.machine
+    machine = _of_file(asked.machine) if isinstance(asked.machine, Path) else asked.machine
     paths, namespace = asked.paths, asked.namespace
     apparatus = apparatus_of(paths, machine, namespace)
     given = patch.read(asked.model, apparatus.machine) if asked.model else {}
@@ -132,6 +132,14 @@ def _of_apparatus(asked: Asked, mapping: Mapping[str, str]) -> Nominal:
         unrecorded(paths, parameters, apparatus.keys, given, namespace),
         (external,) if external else (),
     )
+
+
+def _of_file(file: Path) -> Machine:
+    """Return a machine whose values are as usable as its entries: they are not those of a recording."""
+    machine = machine_named(file)
+    with naming(file):
+        load(machine=machine)
+    return machine
 
 
 def _is_recorded(signal: str, paths: Sequence[Path], mapping: Mapping[str, str]) -> bool:

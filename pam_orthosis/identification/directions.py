@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pam_orthosis.bag.tracking import rms
 from pam_orthosis.identification.force import ForceModel, fit_force, rms_and_max
 from pam_orthosis.identification.groups import numbered
 from pam_orthosis.identification.samples import Samples
@@ -63,13 +64,17 @@ def between_directions(model: ForceModel, s: Samples) -> np.ndarray | None:
     It is half the 95 % range of the fits to forces that lie anywhere between both directions. The middle of
     them, which is fitted, is not the force at rest: near a turning point both are on the same side of it.
     """
-    found = apart(model, s)
-    if not found:
-        return None
-    half = np.interp(s.level, list(found), [both / 2 for both in found.values()])
     parts = 8  # of the contraction: in each the force may lie elsewhere, at all pressures alike
     edges = np.linspace(s.contraction.min(), s.contraction.max(), parts + 1)[1:-1]
     part = np.searchsorted(edges, s.contraction)
+    found: dict[float, list[float]] = {}
+    for one in np.unique(part):
+        for level, both in apart(model, s.where(part == one)).items():
+            found.setdefault(level, []).append(both)
+    if not found:
+        return None
+    known = sorted(found)
+    half = np.interp(s.level, known, [rms(np.array(found[level])) / 2 for level in known])
     degrees = len(model.a) - 1, len(model.b) - 1
     moved = []
     for one in np.unique(part):  # a fit is linear in the forces

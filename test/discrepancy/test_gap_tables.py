@@ -40,7 +40,7 @@ from pam_orthosis.discrepancy.workers import Workers
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.library import answers
 from pam_orthosis.library.options import in_python
-from pam_orthosis.model.parameters import load, scenario_overrides
+from pam_orthosis.model.parameters import config_folder, load, scenario_overrides
 from pam_orthosis.report import gap as gap_page
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -707,3 +707,15 @@ def test_a_lost_cell_is_bridged_before_all_else(bench, tmp_path, capsys):
     assert told.count("angle jumps by up to") == 2
     noise = next(line for line in told.splitlines() if line.startswith("angle [deg]")).split()[-1]
     assert float(noise) < 0.06
+
+
+def test_a_wrong_value_of_a_machine_is_refused_in_the_name_of_its_file(tmp_path):
+    """Not of the recording that is read with it."""
+    file, table = tmp_path / "own.yaml", write(tmp_path / "gait.csv", {"time": TIME, **SI})
+    shipped = (config_folder() / "machines" / "ankle.yaml").read_text(encoding="utf-8")
+    file.write_text(shipped.replace("values:", "values:\n  valve.delayy: 0.004", 1), encoding="utf-8")
+    with pytest.raises(
+        OrthosisError, match=r"own\.yaml: values of the machine .* unknown parameter"
+    ) as refused:
+        read_recordings(Asked([table], [], machine=file), Workers(1))
+    assert "gait.csv" not in str(refused.value)
