@@ -133,8 +133,7 @@ def describe(found: Identified) -> str:
     lines = [
         f"{_title(found)}, nominal length {found.data.length:g} m", *_values(found),
         f"rank {fit.rank} of {len(fit.half_width)}, condition {fit.condition:.3g} (unscaled"
-        f" {fit.condition_raw:.3g}), {len(found.training)} samples that say as much as"
-        f" {fit.effective:.0f} independent ones",
+        f" {fit.condition_raw:.3g}), {len(found.training)} samples{_worth(found)}",
         _intervals(fit), *_directions(found), *found.remarks,
         *_errors("fit", found.errors(held_out=False)), *_errors("held out", found.errors(held_out=True)),
     ]  # fmt: skip
@@ -217,6 +216,12 @@ def _errors(name: str, errors: dict[str, Any]) -> list[str]:
             if key != "rest"  # no direction: a few rows at turning points, or all
         ]
     return lines
+
+
+def _worth(found: Identified) -> str:
+    """Return what samples that follow each other in time are worth; empty for others."""
+    worth = round(found.force.effective)
+    return f": neighbours err alike, they are worth {worth}" if worth < len(found.training) else ""
 
 
 def _intervals(fit: ForceFit) -> str:

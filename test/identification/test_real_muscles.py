@@ -79,6 +79,7 @@ def test_few_rows_at_turning_points_do_not_bend_the_fit(tmp_path):
     apart = timed.force.model.towing(x, p) - marked.force.model.towing(x, p)
     assert np.abs(apart).max() < 1.5
     printed = describe(timed)
+    assert f" samples: neighbours err alike, they are worth {timed.force.effective:.0f}\n" in printed
     assert "  shortening " in printed
     assert "  rest " not in printed
 
