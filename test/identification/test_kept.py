@@ -43,7 +43,10 @@ def test_volume_and_damping_of_the_shipped_muscle_stay_and_that_is_said(force, v
     assert main(["identify", force, *common, "--damping", "240", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["not_identified"] == f"not identified: {kept}"
     assert main(["identify", force, volume, *common, "--damping", "240"]) == 0
-    assert "not identified" not in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "not identified" not in printed
+    known = re.findall(r"^  (v_\d|w_\d) = +\S+ \+- \S+$", printed, flags=re.MULTILINE)
+    assert known == ["v_0", "v_1", "v_2", "w_1", "w_2"]
 
 
 def test_a_muscle_of_its_own_size_takes_its_share_of_the_volume(force, volume, tmp_path, capsys):
