@@ -101,6 +101,13 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
         return outcome.described(None).of_mistaken(f"the recordings seem to have a mistake ({CHECK})")
     if outcome.verdict not in OPEN:
         return of_ratios(outcome, found.problem, found.null).of_skewed(start.stamps, start.skewed)
+    return _left_open(start, found, outcome, progress)
+
+
+def _left_open(start: Beginning, found: Selection, outcome: Outcome, progress: Progress) -> Outcome:
+    """Return an outcome that leaves a gap with what can be said of that."""
+    if not outcome.effects and _is_late(start, found):
+        return replace(outcome.described(None), skewed=True, foreign=False)
     if outcome.foreign or (not outcome.effects and stamped_late(start.system, found.steps)):
         return outcome.described(None)
     progress("describing what is left")
@@ -108,6 +115,13 @@ def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcom
         return _described(start, outcome, start.problem, start.null)
     told = _described(start, outcome, found.final_problem, found.final)
     return told if told.verdict != DESCRIBED else _or_without_names(start, told)
+
+
+def _is_late(start: Beginning, found: Selection) -> bool:
+    """Return whether stamps are clearly off, and the search has added a delay."""
+    names = (name for name in found.final.effects if name not in start.system.wrong)
+    added = [start.system.catalogue[name] for name in names]
+    return start.skewed and any(one.late is not None or one.advance is not None for one in added)
 
 
 def _described(start: Beginning, outcome: Outcome, problem: Problem, model: Fit) -> Outcome:

@@ -154,6 +154,26 @@ def test_effects_that_are_no_delay_may_make_up_for_stamps_that_are_off(friction)
     assert (nothing.verdict, nothing.remarks) == ("none", ["another"])
 
 
+@pytest.mark.parametrize(("added", "skewed"), [("valve_delay", True), ("joint_friction", False)])
+def test_a_delay_that_the_search_added_speaks_for_stamps_that_are_off(friction, monkeypatch, added, skewed):
+    """However far off the tolerances are beside it."""
+    start, outcome, settings = friction
+    final = replace(outcome.selection.final, effects=(added,))
+    found = replace(outcome.selection, final=final)
+    far = replace(outcome, verdict="unexplained", effects=(), foreign=True, strained={"supply_pressure": 9.0})
+    monkeypatch.setattr(workflow.select, "extended", lambda *_: found)
+    monkeypatch.setattr(workflow, "remarks_on_agreement", lambda *_: [])
+    monkeypatch.setattr(workflow, "remarks_on_inputs", lambda *_: [])
+    monkeypatch.setattr(workflow, "outcome_of", lambda *_: far)
+    told = workflow.search(replace(start, skewed=True), settings)
+    assert (told.skewed, told.foreign) == (skewed, not skewed)
+    lines = describe(told).splitlines()
+    assert lines[-1].startswith("UNEXPLAINED: stamps seem off: mend them and search again") == skewed
+    (off,) = (line for line in lines if "outside their tolerance (multiples" in line)
+    assert off.startswith("with stamps that are off") == skewed
+    assert ("calibration first" in off) != skewed
+
+
 def test_a_description_of_one_equation_does_not_describe_the_other(friction):
     _, outcome, _ = friction
     left = SimpleNamespace(equation="torque", descriptions=[SimpleNamespace()], reduced=0.99, events=())

@@ -70,7 +70,7 @@ class Outcome:
     count from the configured model, since recalibration closed the gap already. `surrogates` are effects of
     the model that are no explanation; `empty` the parameters (as `EFFECT.PARAMETER`) at values where effects
     are not what their names say. `unknown` describes what is left. `mistaken`: the verdict would be a better
-    one, but the recordings seem to have a mistake; `skewed`: but stamps seem off, and no effect is late.
+    one, but the recordings seem to have a mistake; `skewed`: but stamps seem off, and nothing named is late.
     """
 
     system: System

@@ -54,7 +54,7 @@ def last_line(outcome: Outcome) -> str:
     if outcome.mistaken:
         maybe = f"{names or 'recalibration'} may only make up for it"
         return f"{outcome.verdict.upper()}: {outcome.mistaken}; {maybe}"
-    if outcome.skewed:
+    if outcome.skewed and outcome.effects:
         return f"PARTIAL: {names} {much}, but stamps seem off: mend them and search again (see the remark)"
     words = {
         "none": _none(outcome) if outcome.verdict == "none" else "",
@@ -166,8 +166,8 @@ def _title(system: System, name: str) -> str:
 
 
 def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
-    if late := stamped_late(outcome.system, outcome.steps):
-        return f"{late[0]}; mend the stamps and search again; {left}"
+    if stamps := _of_stamps(outcome, left):
+        return stamps
     if outcome.foreign:
         return (
             "nothing I know; something large is missing, or the recordings are of another machine than the"
@@ -185,6 +185,18 @@ def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
         pushes, system = outcome.unknown, outcome.system
         return f"{left}; {short(system, pushes)}; {unannounced(system, pushes)}"
     return left if outcome.empty else f"{left}; {_refusal(outcome)}"
+
+
+def _of_stamps(outcome: Outcome, left: str) -> str:
+    """Return that stamps are to be mended before anything else, if they are."""
+    if late := stamped_late(outcome.system, outcome.steps):
+        return f"{late[0]}; mend the stamps and search again; {left}"
+    if not outcome.skewed:
+        return ""
+    final = outcome.selection.final
+    keys = [one.name for one in final.free if one.name.partition(".")[0] in final.effects]
+    beside = f"with {at_values(outcome.system, final, keys)} {left}"
+    return f"stamps seem off: mend them and search again (see the remark); {beside}"
 
 
 def _emptied(outcome: Outcome) -> str:

@@ -273,7 +273,9 @@ def _others(outcome: Outcome) -> list[str]:
         first = [str(step.accepted) for step in outcome.steps if step.accepted in every][:1]
         lines.append(runner_up_words(*outcome.runner_up, *first if len(every) > 1 else ()))
     if outcome.strained:
-        lines.append(_strain(outcome.system, outcome.strained, outcome.verdict in GOOD))
+        known = outcome.verdict in GOOD or outcome.skewed
+        off = "with stamps that are off, " * outcome.skewed
+        lines.append(off + _strain(outcome.system, outcome.strained, known))
     return lines
 
 
