@@ -133,7 +133,9 @@ class _Cells:
     def _hint(self, text: str) -> str:
         """Return what to write in place of a text that is no number."""
         if CLOCK.search(text):
-            return "write time in seconds, as a number such as 0.002"
+            read = self.lost and not text[:4].isdigit()  # such a date is not read where time has a unit
+            dates = ", or as dates such as 2026-03-29T01:59:55.002" if read else ""
+            return f"write time in seconds, as a number such as 0.002{dates}"
         if "," in text:
             return f"write {'no sign between thousands' if self.commas else 'a point in place of the comma'}"
         missing = "leave the cell empty, or write NaN," if self.lost else "leave the row out"

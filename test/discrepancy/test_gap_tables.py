@@ -119,12 +119,16 @@ def test_time_may_be_dates_unless_its_unit_is_given(system, tmp_path):
     found = from_csv(file, system)
     assert (found.period, found.start) == (pytest.approx(0.002), 0.0)
     file.write_text("\n".join([whole.replace("time", "time [ms]"), *cells]))
-    with pytest.raises(OrthosisError, match="is no number; write time in seconds"):
+    with pytest.raises(OrthosisError, match=r"write time in seconds, as a number such as 0.002$"):
         from_csv(file, system)
     file.write_text("\n".join([whole, *cells]))
     scaled = replace(system, sources={"time": Source("time", factor=1e-3)})
-    with pytest.raises(OrthosisError, match="is no number; write time in seconds"):
+    with pytest.raises(OrthosisError, match=r"write time in seconds, as a number such as 0.002$"):
         from_csv(file, scaled)
+    german = "29.03.2026 01:59:55.000000," + rows[0].partition(",")[2]
+    file.write_text("\n".join([whole, german, *cells]))
+    with pytest.raises(OrthosisError, match=r"write time in seconds, .* or as dates such as 2026-"):
+        from_csv(file, system)
 
 
 def test_a_column_may_count_the_other_way_round(system):
@@ -298,9 +302,30 @@ def test_uniform_stamps_change_nothing():
     ],
 )
 def test_a_stamp_that_does_not_increase_is_named_with_what_to_do(stamp, said):
-    time = np.where(np.arange(len(TIME)) == 50, stamp, TIME)
+    at = np.arange(len(TIME))
+    time = np.where(at == 50, stamp, TIME)
+    if stamp:
+        time = np.where((at >= 50) & (at < 150), TIME[at - at % 2 - 1], TIME)
     with pytest.raises(OrthosisError, match=said):
         even("table", time, {"angle": SI["angle"]}, ())
+
+
+def test_a_few_rows_with_the_stamp_of_the_row_before_are_left_out():
+    time, angle = TIME.copy(), SI["angle"].copy()
+    time[[50, 51, 200]] = time[[49, 49, 199]]
+    found = even("table", time, {"angle": angle}, ())
+    assert (
+        "3 of 600 rows have the stamp of the row before, the first in row 51 of numbers" in found.remarks[0]
+    )
+    assert "3 of 600 rows are missing" in found.remarks[1]
+    np.testing.assert_allclose(found.signals["angle"], SI["angle"], atol=1e-3)
+
+
+def test_a_recording_that_a_hole_makes_short_says_so(system):
+    one = from_arrays("cut", system, {name: np.delete(x, np.s_[300:320]) for name, x in SI.items()})
+    for checked in (lambda: check._check_length(one, 2.0), lambda: check.check_divisible([one], 0.25, 2.0)):
+        with pytest.raises(OrthosisError, match=r"cut lasts 0.6 s \(rows are missing after 0.598 s, more"):
+            checked()
 
 
 def test_an_angle_of_the_other_sign_is_refused_with_what_turns_it_round(system, tmp_path):

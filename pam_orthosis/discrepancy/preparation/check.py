@@ -7,6 +7,7 @@ import numpy as np
 from scipy.signal import welch
 
 from pam_orthosis.discrepancy.recordings.data import Recording
+from pam_orthosis.discrepancy.recordings.even import CUT
 from pam_orthosis.discrepancy.replay.whitening import SEGMENT, noise_levels
 from pam_orthosis.discrepancy.systems.boxes import Box
 from pam_orthosis.discrepancy.systems.system import Channel, System
@@ -76,7 +77,7 @@ def _check_length(one: Recording, warm_up: float) -> None:
     least = 2 * warm_up + 1.0
     if one.duration < least:
         raise OrthosisError(
-            f"{one.name} lasts {one.duration:.1f} s: the search needs {least:.0f} s or more"
+            f"{one.name} lasts {one.duration:.1f} s{_cut(one)}: the search needs {least:.0f} s or more"
             " (gap.replay.warm_up is left out at the start)"
         )
     if one.samples < LEAST_SAMPLES:
@@ -84,6 +85,12 @@ def _check_length(one: Recording, warm_up: float) -> None:
             f"{one.name} has {one.samples} samples, one every {1e3 * one.period:.3g} ms: the search needs"
             f" {LEAST_SAMPLES} or more; record at a higher rate, or for longer"
         )
+
+
+def _cut(one: Recording) -> str:
+    """Return what was left out of a recording because rows are missing; empty if nothing was."""
+    words = next((remark for remark in one.remarks if CUT in remark), "")
+    return f" ({words.removeprefix(f'{one.name}: ')})" if words else ""
 
 
 def check_divisible(recordings: Sequence[Recording], share: float, warm_up: float) -> None:
@@ -96,8 +103,8 @@ def check_divisible(recordings: Sequence[Recording], share: float, warm_up: floa
     for one in recordings:
         if one.duration < least:
             raise OrthosisError(
-                f"{one.name} lasts {one.duration:.1f} s: too short to judge by its last {share:.0%}; record"
-                f" {least:.0f} s or more, or name another recording with --held-out"
+                f"{one.name} lasts {one.duration:.1f} s{_cut(one)}: too short to judge by its last"
+                f" {share:.0%}; record {least:.0f} s or more, or name another recording with --held-out"
             )
 
 

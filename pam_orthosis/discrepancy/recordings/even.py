@@ -19,6 +19,7 @@ MOST_TOLD = 3  # gaps of one kind
 MOST_MISSING = 0.05  # of all rows
 MOST_EMPTY = 0.5  # of all rows, with an empty cell
 LEAP = 0.1, 3.0  # of an input's range, of what all but a hundredth of its steps stay below
+CUT = "parts the longest"  # what is said of a recording of which a part is used
 UNEVEN_SHARE = 0.2  # of the steps: beyond it the stamps say nothing of a period
 _REPEATED = "repeats", "leave out rows that are there twice, or write stamps with more digits"
 _BACK = "goes back behind", "sort the rows, or give what follows as a recording of its own"
@@ -47,6 +48,7 @@ def even(name: str, time: np.ndarray, signals: Signals, held: Collection[str]) -
     Raises:
         OrthosisError: too few samples, time that does not increase, or too many rows missing.
     """
+    time, signals, left_out = _once(time, signals)
     stamps = time[~np.isnan(time)]
     if len(stamps) < 2:
         raise OrthosisError(f"{name}: a recording needs more than {len(stamps)} samples")
@@ -56,7 +58,8 @@ def even(name: str, time: np.ndarray, signals: Signals, held: Collection[str]) -
         at = int(np.argmax(steps <= 0))
         told, remedy = _REPEATED if steps[at] == 0 else _BACK
         raise OrthosisError(f"{name}: time {told} {stamps[at]:.6g} s, in row {at + 2} of numbers; {remedy}")
-    time, signals, lost = _complete(name, time, signals)
+    time, signals, empty = _complete(name, time, signals)
+    lost = (*left_out, *empty)
     steps = np.diff(time)
     if (np.abs(steps - period) <= UNIFORM * period).all():
         return Even(float((time[-1] - time[0]) / len(steps)), signals, 0.0, lost)
@@ -65,6 +68,18 @@ def even(name: str, time: np.ndarray, signals: Signals, held: Collection[str]) -
     part = {key: values[first:last] for key, values in signals.items()}
     whole, more = _filled(name, time[first:last], part, held, period)
     return Even(whole.period, whole.signals, float(time[first] - time[0]), (*lost, *words, *more))
+
+
+def _once(time: np.ndarray, signals: Signals) -> tuple[np.ndarray, Signals, tuple[str, ...]]:
+    """Return the rows without the few that have the stamp of the row before, and how many have."""
+    again = np.diff(time, prepend=np.nan) == 0
+    if not 0 < again.mean() <= MOST_MISSING:
+        return time, signals, ()
+    words = (
+        f"{again.sum()} of {len(time)} rows have the stamp of the row before, the first in row"
+        f" {int(np.argmax(again)) + 1} of numbers: left out"
+    )
+    return time[~again], {key: values[~again] for key, values in signals.items()}, (words,)
 
 
 def _complete(name: str, time: np.ndarray, signals: Signals) -> tuple[np.ndarray, Signals, tuple[str, ...]]:
@@ -112,7 +127,7 @@ def _longest(time: np.ndarray, holes: Mapping[int, str]) -> tuple[int, int, list
         for why, times in by_reason.items()
     )
     remarks = (
-        f"rows are missing {gaps}: of {len(parts)} parts the longest, {last - first} of {len(time)} rows, is"
+        f"rows are missing {gaps}: of {len(parts)} {CUT}, {last - first} of {len(time)} rows, is"
         " used; give the others as recordings of their own"
     )
     return first, last, [remarks]
