@@ -14,7 +14,7 @@ from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.search.confirmation import EMPTY
 from pam_orthosis.discrepancy.search.selection import Selection, Step
-from pam_orthosis.discrepancy.systems.implied import LAG
+from pam_orthosis.discrepancy.systems.implied import LAG, SOURCE, is_zero
 from pam_orthosis.discrepancy.systems.system import Names, System
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import silent
@@ -29,7 +29,18 @@ CLOSES = 0.9  # of squared residuals: what inputs that act earlier take away, if
 def remarks_on_inputs(found: Selection, settings: Section) -> list[str]:
     """Return remarks on inputs that are stamped late, lag, or run otherwise between rows than is said."""
     remarks = stamped_late(found.problem.system, found.steps) or _between_rows(found, settings)
-    return [*remarks, *_lagging(found)]
+    return [*remarks, *_lagging(found), *_zeros(found)]
+
+
+def _zeros(found: Selection) -> list[str]:
+    """Return a remark on each zero of a sensor: where springs are linear, a constant force does the same."""
+    system = found.problem.system
+    zeros = {
+        name
+        for name in found.final.effects
+        if (one := system.catalogue[name]).source == SOURCE and is_zero(one)
+    }
+    return [f"{name}: a constant that the equations lack may look like this zero" for name in sorted(zeros)]
 
 
 def _lagging(found: Selection) -> list[str]:
