@@ -159,7 +159,7 @@ def test_a_parameter_without_tolerance_or_influence_is_no_candidate():
     assert not system.wrong
     late = {"inputs_delay", *(f"{name}_delay" for name in ("force", "other", "x", "y"))}
     lags = {f"{name}_lag" for name in ("force", "other", "x", "y")}
-    assert set(system.catalogue) == {"friction", *late, *lags, "x_zero", "y_zero"}
+    assert set(system.catalogue) == {"friction", *late, *lags}  # a zero is a constant
 
 
 def test_a_model_without_any_tolerance_is_searched_too():
@@ -169,17 +169,8 @@ def test_a_model_without_any_tolerance_is_searched_too():
     assert outcome.verdict == "none"
 
 
-def test_a_constant_that_the_model_lacks_may_be_zeros_of_sensors():
-    system = _system()
-    outcome = find_gap(system, *([_recording(system, seed, **NOMINAL, tilt=0.1)] for seed in (1, 2)))
-    assert {one.name for one in outcome.effects} <= {"x_zero", "y_zero"}
-    assert "a constant that the equations lack may look like this zero" in "\n".join(outcome.remarks)
-
-
 def test_a_constant_that_the_model_lacks_is_no_curve_over_a_signal():
     system = _system()
-    kept = {name: one for name, one in system.catalogue.items() if not name.endswith("_zero")}
-    system = replace(system, catalogue=kept)
     runs = [[_recording(system, seed, **NOMINAL, tilt=0.1)] for seed in (1, 2)]
     start = begin(system, *runs, load().gap)
     outcome = search(start, load().gap)

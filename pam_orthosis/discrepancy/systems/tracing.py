@@ -244,8 +244,9 @@ class Traced:
     def counts_from_zero(self, system: System, equation: Equation, channel: Channel) -> bool:
         """Return whether an equation shows where a channel's sensor has its zero.
 
-        What is where it was with any zero, as the position of a carriage, has none. A user who gives what a
-        sensor shows parameters has said what may be wrong with it.
+        What is where it was with any zero, as the position of a carriage, has none; on linear springs it does
+        what a constant does that the equations lack, which is as likely. A user who gives what a sensor shows
+        parameters has said what may be wrong with it.
         """
         if channel.state is None:
             return channel.name in equation.channels
@@ -253,8 +254,8 @@ class Traced:
             return False
         others = [self.measured[name] for name in equation.channels if name != channel.name]
         rates = [self.rates[name] for name in closure(system, self.assembled(), equation)]
-        felt = ca.jacobian_sparsity(ca.SX(ca.vertcat(*rates, *others)), self._of_state[channel.state])
-        return bool(felt.nnz())
+        felt = ca.jacobian(ca.SX(ca.vertcat(*rates, *others)), self._of_state[channel.state])
+        return bool(ca.depends_on(felt, ca.vertcat(self.x, self.u, self.time)))
 
     def inputs_of(self, system: System, equation: Equation) -> tuple[str, ...]:
         """Return the inputs without which an equation cannot be replayed."""
