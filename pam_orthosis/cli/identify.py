@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from pam_orthosis.cli.check import not_negative
 from pam_orthosis.errors import OrthosisError, naming
 from pam_orthosis.files import (
@@ -26,6 +24,8 @@ from pam_orthosis.model.specimens import SPECIMENS
 from pam_orthosis.progress import Progress, shown
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from pam_orthosis.identification.force import ForceFit
     from pam_orthosis.identification.identify import Identified
 
@@ -196,7 +196,7 @@ def _coefficients(
     """Return a line for each coefficient: value, interval, and how far off both directions let it be."""
     names = [f"{name}_{i}" for name, own in named.items() for i in range(first, first + len(own))]
     beside = [""] * len(names) if between is None else [f", directions +- {one:.1e}" for one in between]
-    values = np.concatenate(list(named.values()))
+    values = [value for own in named.values() for value in own]
     return [
         f"  {name} = {value: .8e} +- {width:.1e}{more}"
         for name, value, width, more in zip(names, values, half, beside, strict=True)
