@@ -146,8 +146,8 @@ def describe(found: Identified) -> str:
     lines += _left_out(found)
     if found.data.own:
         lines.append(
-            f"`sizes: {{force_map_misfit: {found.misfit_size:g}}}` of its actuators in a machine file tells"
-            f" gap that this force may be off by {found.misfit_size:g} times the usual {USUAL_MISFIT:g} N"
+            f"`sizes: {{force_map_misfit: {found.misfit_size:g}}}` of its actuators in a machine file says"
+            f" to gap that this force may be off by {found.misfit_size:g} times the usual {USUAL_MISFIT:g} N"
         )
     first = min(box.minimum_contraction, float(found.training.contraction.min()))  # stretched, too
     lines.append(
@@ -230,10 +230,10 @@ def _intervals(fit: ForceFit) -> str:
     if not fit.clustered:
         return "+-: 95 %, if the rows are independent of each other: give a column repeat, or direction"
     if fit.clustered == REPEATS:
-        return f"+-: 95 % of further repeats lie in it, as far as {fit.clusters} tell; the truth need not"
+        return f"+-: 95 % of further repeats lie in it, as {fit.clusters} of them show; the truth need not"
     return (
         f"+-: 95 %, by the scatter of {fit.clusters} runs; where a repeat of all would lie, three repeats"
-        " tell (column repeat)"
+        " show (column repeat)"
     )
 
 

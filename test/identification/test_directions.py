@@ -47,7 +47,7 @@ def test_the_truth_is_beyond_the_repeats_and_within_what_the_directions_leave_op
     printed = describe(found)
     assert "  a_0 = " in printed
     assert printed.count(", directions +- ") == 9
-    assert "of further repeats lie in it, as far as 3 tell; the truth need not" in printed
+    assert "of further repeats lie in it, as 3 of them show; the truth need not" in printed
     assert "samples\n" in printed, "without time neighbours are none"
     assert "(larger than +- in 9 of 9)" in printed
     assert found.as_dict()["half_between_directions"] == found.between.tolist()
