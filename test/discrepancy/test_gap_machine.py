@@ -8,6 +8,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pam_orthosis as po
@@ -15,7 +16,7 @@ from pam_orthosis.bag.simulated import record_run
 from pam_orthosis.cli.main import main
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer.agreement import remarks_on_agreement
-from pam_orthosis.discrepancy.preparation import beginning
+from pam_orthosis.discrepancy.preparation import beginning, check, mistakes
 from pam_orthosis.discrepancy.preparation.beginning import begin
 from pam_orthosis.discrepancy.preparation.mistakes import against_words
 from pam_orthosis.discrepancy.recordings.data import from_csv
@@ -125,6 +126,39 @@ def test_a_coordinate_that_moves_against_all_forces_is_said(machine, tmp_path, m
     braked = declared_machine(declared, parameters.changed({"machine.mechanism.damping": 4000.0}))
     start = begin(braked, right[:1], right[1:], parameters.gap)
     assert not against_words(start.held_out), "a model that brakes too much lacks a drive, and none is there"
+
+
+@pytest.mark.parametrize(("second", "said"), [(-0.03, False), (0.03, True)])
+def test_muscles_that_all_pull_one_way_are_said(tmp_path, second, said):
+    muscle = "{kind: muscle, parameters: muscle.dmsp_20, transmission: {arm: %g, contraction: %g}}"
+    (tmp_path / "elbow.yaml").write_text(
+        "meaning: elbow\n"
+        "mechanism: {kind: rotation, inertia: 0.15, minimum: -1.2, maximum: 2.8, start: 0.8}\n"
+        "sensor: {noise: 3.0e-4}\n"
+        f"actuators:\n  biceps: {muscle % (0.03, 0.03)}\n  triceps: {muscle % (second, 0.09)}\n",
+        encoding="utf-8",
+    )
+    own = read_machine(tmp_path / "elbow.yaml")
+    remarks = check.pulling_alike(declared_machine(own, load(machine=own)))
+    assert len(remarks) == said
+    assert all("machine.triceps.transmission.arm (0.03) have the same sign" in one for one in remarks)
+
+
+def test_units_that_columns_name_may_be_wrong(machine):
+    _, declared = machine
+    system = replace(declared_machine(declared, load(machine=declared)), input_units={})
+    turning = replace(system, channels=(replace(system.channels[0], unit="rad"), *system.channels[1:]))
+    pressures = {one.name: np.full(9, 2.5e5) for one in system.channels[1:]}
+    recorded = [{"position": np.linspace(0.0, 0.03, 9), **pressures}]
+    ((said, (mended,)),) = mistakes._of_degrees(turning, recorded)
+    assert said.startswith("with position 57.3 times as large: in rad")
+    assert np.ptp(mended["position"]) == pytest.approx(0.03 * 180 / np.pi)
+    assert not [*mistakes._of_degrees(turning, [{"position": np.linspace(0.0, 0.3, 9)}])], "so far it cannot"
+    assert not [*mistakes._of_degrees(system, recorded)], "a slide"
+    ((said, (mended,)),) = mistakes._of_absolute(turning, recorded)
+    assert said.endswith("absolute, it seems, where their columns say gauge")
+    assert mended["push_pressure"][0] == pytest.approx(2.5e5 - system.ambient)
+    assert not [*mistakes._of_absolute(turning, [{name: np.full(9, 1.5e5) for name in pressures}])]
 
 
 @pytest.mark.parametrize(

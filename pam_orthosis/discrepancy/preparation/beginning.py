@@ -109,7 +109,7 @@ def begin(
     check_room([*training, *held_out], replay.workers.jobs)
     skews = shared_skews(system, [*training, *held_out], replay.workers)
     beyond = check.beyond_boxes(system, [*training, *held_out])
-    remarks += [*beyond, *check.unread([*training, *held_out])]
+    remarks += [*check.pulling_alike(system), *beyond, *check.unread([*training, *held_out])]
     whole, missing = system, check.missing_inputs(system, [*training, *held_out])
     if missing:
         system = _without(system, missing)

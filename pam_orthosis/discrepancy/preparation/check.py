@@ -61,6 +61,17 @@ def beyond_boxes(system: System, recordings: Sequence[Recording]) -> list[str]:
     return remarks
 
 
+def pulling_alike(system: System) -> list[str]:
+    """Return a remark if all of several muscles turn a joint the same way: one of them may be misdeclared."""
+    remarks = []
+    for values in system.common.values() if len(system.boxes) > 1 else ():
+        arms = {key: value for key, value in values.items() if key.endswith(".arm")}
+        if len(arms) > 1 and (min(arms.values()) > 0 or max(arms.values()) < 0):
+            listed = " and ".join(f"{key} ({value:g})" for key, value in arms.items())
+            remarks.append(f"{listed} have the same sign: no muscle pulls against another; is one negative?")
+    return remarks
+
+
 def _beyond(box: Box, one: Recording) -> float:
     """Return the share of a recording's samples that are beyond a box."""
     values, margin = box.quantity(one.signals[box.channel]), BEYOND * (box.high - box.low)

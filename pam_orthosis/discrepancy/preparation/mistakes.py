@@ -12,6 +12,7 @@ import numpy as np
 
 from pam_orthosis.discrepancy.fitting import measure
 from pam_orthosis.discrepancy.recordings.data import smoothed
+from pam_orthosis.discrepancy.recordings.ranges import LEAST_SHARE
 from pam_orthosis.discrepancy.replay.injection import injection
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.run import Run
@@ -21,6 +22,8 @@ Signals = Mapping[str, np.ndarray]
 CHECK = "CHECK THE RECORDINGS"
 SUSPECT, BETTER = 20.0, 4.0  # times the noise that most mistakes leave; the factor by which mending helps
 ALIKE = 1.1  # times what the best mending leaves: as good, as of an input and of what alone it drives
+HEADED = 3.0  # the same of a unit that a column names: it is off by a known factor
+MOST_TURNED = 2 * np.pi  # rad, by joints
 SLOW = 8.0  # Hz, below which what drives a motion is looked at
 CREEP = 0.1  # of the usual velocity, below which the direction of a motion is uncertain
 DRIVEN = 0.5  # correlation of what is missing with the direction of motion: rubbing gives a negative one
@@ -34,13 +37,16 @@ def mistake_words(held_out: Problem, cutoff: float) -> str:
     own = _gap(held_out)
     recorded = [one.run.recording.signals for one in held_out.scored]
     mistakes = [*_of_load_cells(held_out.system, recorded)]
+    headed: list[tuple[str, list[Signals]]] = []
     if own >= SUSPECT:
-        mistakes += _mistakes(held_out.system, recorded)
+        headed = [*_of_absolute(held_out.system, recorded), *_of_degrees(held_out.system, recorded)]
+        mistakes += [*_mistakes(held_out.system, recorded), *headed]
     elif own < BETTER:
         return ""
     fits = {words: _fit(held_out, changed, cutoff) for words, changed in mistakes}
     words = min(fits, key=lambda one: fits[one], default="")
-    if not words or not fits[words] * BETTER <= own:
+    asked = HEADED if words in dict(headed) else BETTER
+    if not words or not fits[words] * asked <= own:
         return ""
     others = [one for one in fits if one != words and fits[one] < ALIKE * fits[words]]
     told = "; or as well ".join([words, *others])
@@ -134,6 +140,24 @@ def _signed(system: System) -> list[str]:
         return [one.name for one in system.channels if one.state in system.derived.values()]
     inputs = [name for name in system.inputs if name not in system.sensed]
     return [*(one.name for one in system.channels), *inputs]
+
+
+def _of_absolute(system: System, recorded: list[Signals]) -> Iterator[tuple[str, list[Signals]]]:
+    """Yield that pressures count from vacuum already, if they can."""
+    pressures = [one.name for one in system.channels if system.is_absolute(one.name)]
+    least = LEAST_SHARE * system.ambient
+    mended: list[Signals] = [{name: one[name] - system.ambient for name in pressures} for one in recorded]
+    if pressures and min(float(values.min()) for one in mended for values in one.values()) > least:
+        taken = f"with {system.ambient / 1e5:.3f} bar taken from {' and '.join(pressures)}"
+        yield f"{taken}: absolute, it seems, where their columns say gauge", mended
+
+
+def _of_degrees(system: System, recorded: list[Signals]) -> Iterator[tuple[str, list[Signals]]]:
+    """Yield that an angle was taken to be in degrees and is none, if it could turn so far."""
+    for name in (one.name for one in system.channels if one.state in system.derived.values()):
+        mended: list[Signals] = [{name: np.degrees(one[name])} for one in recorded]
+        if system.unit(name) == "rad" and max(np.ptp(one[name]) for one in mended) < MOST_TURNED:
+            yield f"with {name} {np.degrees(1):.1f} times as large: in rad, it seems, and headed deg", mended
 
 
 def against_words(held_out: Problem) -> str:
