@@ -148,11 +148,9 @@ class System:
         name: in reports.
         channels: what is measured.
         inputs: recorded inputs, in the order of `Assembled.u`.
-        derived: base state -> base state whose difference quotient it is as a neighbour (velocity of angle).
-        derived_twice: the same, of states whose second difference quotient it is.
+        derived, derived_twice: state -> that whose (second) difference quotient it is (velocity: the angle).
         equations: how the model is cut.
-        calibrations: nuisance parameters with tolerances.
-        catalogue: effects that may be missing.
+        calibrations, catalogue: nuisance parameters with tolerances; effects that may be missing.
         assemble: names of effects -> Assembled; parameters are the calibrations' deviations, then
             `EFFECT.PARAMETER` of each effect in the order given.
         needs: equation (also those that effects name) -> recorded inputs without which it cannot be judged.
