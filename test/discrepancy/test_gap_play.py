@@ -135,7 +135,10 @@ def test_when_a_slack_muscle_begins_to_pull_is_not_judged(slackening):
     assert there < 1.03 * floor.white["angle"]
     for counted, clean in (None, False), (masks, True):
         assert structure.clean(structure.locate(judge, model, counted)) == clean
-    assert "something slack begins to pull: " in noise_floor.remark_on_left_out(masks)[0]
+    assert (
+        "left out of the judgement, where differences too small to measure decide: "
+        in noise_floor.remark_on_left_out(masks)[0]
+    )
 
 
 @pytest.mark.parametrize(("decided", "known"), [(1.0, False), (0.8, True), (0.3, False)])

@@ -155,9 +155,10 @@ def input_of(effect: Effect) -> str:
 
 def zero(channel: Channel, limits: tuple[float, float] | None) -> Effect:
     """Return the candidate that a channel shows a constant more than there is, or less."""
-    # a factor that is none is refused later, in words
+    # a factor or a range that is none is refused later, in words
     stage, unit = f"{MEASURED}{channel.name}", 1.0 / (abs(channel.report_factor) or 1.0)
-    reach = limits[1] - limits[0] if limits else FARTHEST_ZERO * unit
+    ends = limits if isinstance(limits, Sequence) and len(limits) == 2 else (0.0, FARTHEST_ZERO * unit)
+    reach = ends[1] - ends[0]
     return Effect(
         f"{channel.name}_zero",
         stage,
