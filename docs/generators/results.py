@@ -6,6 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -315,16 +316,21 @@ def wrong_parameters() -> list[dict[str, Any]]:
 
 
 def gap_wrong() -> str:
-    """Return what became of wrong parameters."""
-    rows = [
-        (
-            f"`{r['key']}`", r["by"].replace("x", "times "), f"{r['nominal']:.4g}", f"{r['true']:.4g}",
-            f"{r['value']:.4g} ({r['interval'][0]:.4g} .. {r['interval'][1]:.4g})" if "value" in r else "-",
-            f"`{r['verdict']}`: {', '.join(r['effects']) or 'nothing'}",
+    """Return what became of wrong parameters, all draws of a mistake in one row."""
+    rows, cases = [], sorted(wrong_parameters(), key=lambda r: r["number"])
+    for _, group in groupby(cases, key=lambda r: r["number"]):
+        draws = [*group]
+        first, named = draws[0], [r for r in draws if r["right"]]
+        values = [f"{extreme(r['value'] for r in named):.4g}" for extreme in (min, max)] if named else ["-"]
+        others = Counter(
+            f"`{r['verdict']}`: {', '.join(r['effects']) or 'nothing'}" for r in draws if not r["right"]
         )
-        for r in sorted(wrong_parameters(), key=lambda r: r["number"])
-    ]  # fmt: skip
-    return table(("parameter", "off by", "model", "true", "found", "verdict"), rows)
+        rows.append((
+            f"`{first['key']}`", first["by"].replace("x", "times "), f"{first['nominal']:.4g}",
+            f"{first['true']:.4g}", f"{len(named)} of {len(draws)}", " to ".join(dict.fromkeys(values)),
+            "; ".join(f"{told} ({count})" for told, count in others.most_common()) or "-",
+        ))  # fmt: skip
+    return table(("parameter", "off by", "model", "true", "within 5 %", "found", "other answers"), rows)
 
 
 def gap_outside() -> str:
