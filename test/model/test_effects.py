@@ -257,7 +257,7 @@ def test_a_leak_through_a_hole_passes_what_a_gap_does_at_3_bar_and_chokes_above(
     def leaks(gauge):
         pressure = load().valve.ambient_pressure + gauge
         closed = lost(pressure)
-        return [lost(pressure, coefficient=1e-9, hole_share=hole) - closed for hole in (0.0, 1.0)]
+        return [lost(pressure, coefficient=1e-9, hole=hole) - closed for hole in (0.0, 1.0)]
 
     gap, hole = leaks(3e5)
     assert gap > 0

@@ -40,7 +40,7 @@ def _leak(s: ActuatorSignals, p: Section, _states: tuple[Expression, ...]) -> Co
     ambient = s.valve.ambient_pressure
     hole = pneumatics.orifice_flow(1.0, s.pressure, ambient, s.valve)
     hole *= LEAK_AT / pneumatics.orifice_flow(1.0, ambient + LEAK_AT, ambient, s.valve)
-    return Contribution({"flow": -p.coefficient * ((1 - p.hole_share) * s.gauge + p.hole_share * hole)})
+    return Contribution({"flow": -p.coefficient * ((1 - p.hole) * s.gauge + p.hole * hole)})
 
 
 def _supply_sag(_s: Signals, p: Section, states: tuple[Expression, ...]) -> Contribution:
@@ -96,7 +96,7 @@ EFFECTS = [
         stage="flow",
         parameters=(
             Quantity("coefficient", 1.0e-10, "kg/(s Pa)", 0.0, 2.0e-8, "flow over gauge pressure", 0.0),
-            Quantity("hole_share", 0.0, "-", 0.0, 1.0, "part through a hole, the rest through a narrow gap",
+            Quantity("hole", 0.0, "-", 0.0, 1.0, "share of it through a hole, the rest through a narrow gap",
                      fitted=False, meaningful=(0.0, 1.0)),
         ),
         expression=_leak,
