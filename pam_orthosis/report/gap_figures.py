@@ -8,8 +8,8 @@ import numpy as np
 
 from pam_orthosis.discrepancy.answer.curves import Curve
 from pam_orthosis.discrepancy.answer.judgement import Outcome
-from pam_orthosis.discrepancy.fitting import structure
 from pam_orthosis.discrepancy.fitting.measure import Gap
+from pam_orthosis.discrepancy.fitting.signals import signals_of
 from pam_orthosis.discrepancy.fitting.structure import Where, missing_rate, order
 from pam_orthosis.discrepancy.replay.problem import Scored
 from pam_orthosis.discrepancy.replay.run import Run
@@ -222,7 +222,7 @@ def _missing(outcome: Outcome, equation: Equation, channel: str, which: str, nam
     """Return scatter and mean of the missing rate: the residual with the observer undone, slow part."""
     i, over, rates = equation.channels.index(channel), [], []
     for one in outcome.held_out.scored:
-        signals = structure.signals_of(outcome.system, one)
+        signals = signals_of(outcome.system, one)
         if name not in signals:  # nothing repeats itself in this one
             continue
         residual = residuals_of(outcome, one.run, equation, which)[:, i]

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from pam_orthosis.discrepancy.fitting.fit import peak
-from pam_orthosis.discrepancy.fitting.structure import CLEAN, MARGIN, Where, _reach, clean, signals_of
+from pam_orthosis.discrepancy.fitting.signals import signals_of
+from pam_orthosis.discrepancy.fitting.structure import CLEAN, MARGIN, Where, _reach, clean
 from pam_orthosis.discrepancy.replay.problem import Scored
 from pam_orthosis.discrepancy.replay.run import Run
 

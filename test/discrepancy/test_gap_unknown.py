@@ -10,6 +10,7 @@ import pytest
 from pam_orthosis.control import effects
 from pam_orthosis.discrepancy.answer import patch
 from pam_orthosis.discrepancy.answer.unknown_words import short, unannounced, unknown_as_dict, unknown_words
+from pam_orthosis.discrepancy.fitting import signals
 from pam_orthosis.discrepancy.fitting.measure import over_noise
 from pam_orthosis.discrepancy.preparation import beginning
 from pam_orthosis.discrepancy.recordings.data import from_arrays
@@ -291,7 +292,7 @@ def test_a_curve_over_the_angle_is_no_gain_by_which_the_replay_follows(bench, mo
     one._weight, one._deviation = np.ones(1), np.zeros(1)
     stiffness = 0.02 * residual - angle  # the model's angle is not quite the recorded one
     one._slopes, one._residuals = [(stiffness[None], np.zeros(1, int))] * 2, [residual] * 2
-    knots = np.column_stack(curve_fit.hats(angle, 0.1, 1.1, 8))
+    knots = np.column_stack(signals.hats(angle, 0.1, 1.1, 8))
     monkeypatch.setattr(one, "_column", lambda group, spline, able: knots @ able)
     one._without = one.fit(())
     spline = curve_fit.Spline("angle", bench.system.entries_of("angle")[0], "angle", 8)

@@ -10,6 +10,7 @@ import pytest
 from pam_orthosis.discrepancy import workflow
 from pam_orthosis.discrepancy.answer import standing
 from pam_orthosis.discrepancy.answer.unknown_words import unknown_words
+from pam_orthosis.discrepancy.fitting import signals
 from pam_orthosis.discrepancy.systems.system import Entry
 from pam_orthosis.discrepancy.unknown import curve_fit, description, periodic, waves
 from pam_orthosis.discrepancy.unknown.unknown import Unknown
@@ -51,7 +52,7 @@ def curves(monkeypatch, unknown, noise=NOISE):
     monkeypatch.setattr(one, "_rates", lambda channel: set())
 
     def column(group, spline, able):
-        return np.column_stack(curve_fit.hats(group.signal, *one.ends(spline), spline.knots)) @ able / noise
+        return np.column_stack(signals.hats(group.signal, *one.ends(spline), spline.knots)) @ able / noise
 
     def blocks(group, equation, values):
         return values.reshape(-1, 500).sum(axis=1)
@@ -119,7 +120,7 @@ def test_a_likely_period_is_seen_though_the_outermost_places_are_wrong():
 
 def test_straight_lines_have_less_of_a_wave_than_its_values():
     places, fine = np.linspace(0.0, 4.0, 25), np.linspace(0.0, 4.0, 4001)
-    hats = np.column_stack(curve_fit.hats(fine, 0.0, 4.0, 25))
+    hats = np.column_stack(signals.hats(fine, 0.0, 4.0, 25))
     basis = waves.wave_basis(places, 1.0, 1)
     values = basis @ np.linalg.lstsq(hats @ basis, 2.0 + 3.0 * np.sin(2 * np.pi * fine), rcond=None)[0]
     mean, wave = waves.wave_of(places, 1.0, 1)

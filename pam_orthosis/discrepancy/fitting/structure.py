@@ -9,8 +9,9 @@ import numpy as np
 
 from pam_orthosis.discrepancy.fitting.fit import Fit, misfit, normal_equations, peak
 from pam_orthosis.discrepancy.fitting.measure import Samples
+from pam_orthosis.discrepancy.fitting.signals import signals_of
 from pam_orthosis.discrepancy.recordings.data import smoothed
-from pam_orthosis.discrepancy.replay.problem import Problem, Scored
+from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.systems.system import Equation, System
 
 
@@ -48,8 +49,6 @@ LONG = 3000  # scored samples: from there on noise alone stays below `CLEAN` / `
 DRAWS, QUANTILE = 400, 0.99  # of white noise, for shorter recordings
 MARGIN = 1.6  # over that: what a right model leaves is not quite white
 BINS = 12
-SHORTEST_CYCLE = 0.4  # s
-REPEATS = 0.7  # autocorrelation of a signal that repeats itself
 
 
 @dataclass(frozen=True)
@@ -155,50 +154,6 @@ def _coordinates(
                 regions.setdefault(name, []).append(_region(piece, values))
     ordered = sorted(((name, float(np.mean(many))) for name, many in shares.items()), key=lambda p: -p[1])
     return dict(ordered), {name: max(many)[1:] for name, many in regions.items()}
-
-
-def signals_of(system: System, one: Scored) -> dict[str, np.ndarray]:
-    """Return what a residual may depend on: channels, inputs, velocities, phase of the cycle, time.
-
-    Behind the recording's warm-up, by the recording's clock; a phase only where the motion repeats itself.
-    """
-    signals = {c.name: one.run.smooth(c.name)[one.warm_up :] for c in system.channels}
-    recorded = one.run.recording.signals
-    signals.update((name, recorded[name][one.warm_up :]) for name in system.inputs if name in recorded)
-    measured_by = {c.state: c.name for c in system.channels}
-    for derived, parent in system.derived.items():
-        if parent in measured_by:
-            signals[derived] = np.gradient(signals[measured_by[parent]], one.run.period)
-    first, period = signals[system.channels[0].name], one.run.period
-    passed = round(one.run.recording.start / period) + one.warm_up
-    phase = _cycle_phase(first, period, passed)
-    if phase is not None:
-        signals["phase"] = phase
-    signals["time"] = one.run.recording.start + (one.warm_up + np.arange(len(first))) * period
-    return signals
-
-
-def _cycle_phase(signal: np.ndarray, period: float, passed: int) -> np.ndarray | None:
-    """Return the phase (0 to 1) of a signal that repeats itself, or None.
-
-    It is 0 at the zero of the recording's clock, so many samples before the signal's first.
-    """
-    centred = signal - signal.mean()
-    power = np.abs(np.fft.rfft(centred, 2 * len(centred))) ** 2
-    correlation = np.fft.irfft(power)[: len(centred)]
-    correlation = (
-        correlation / max(correlation[0], 1e-300) * len(centred) / (len(centred) - np.arange(len(centred)))
-    )
-    low, high = round(SHORTEST_CYCLE / period), len(centred) // 3
-    falls = np.flatnonzero(correlation[:high] < 0)
-    if not len(falls) or max(low, falls[0]) >= high:
-        return None
-    low = max(low, falls[0])
-    best = low + int(np.argmax(correlation[low:high]))
-    if correlation[best] < REPEATS:
-        return None
-    phase: np.ndarray = (passed + np.arange(len(signal))) % best / best
-    return phase
 
 
 def _region(residual: np.ndarray, signal: np.ndarray) -> tuple[float, float, float]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What larger effects kept out: asked for where these are silent, or in place of their details."""
+"""What larger effects kept out: asked for in their silence, beside any form, in place of details."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -7,7 +7,7 @@ from dataclasses import replace
 from pam_orthosis.discrepancy.fitting import refit
 from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.replay.problem import Problem
-from pam_orthosis.discrepancy.search import quiet, selection
+from pam_orthosis.discrepancy.search import form, quiet, selection
 from pam_orthosis.discrepancy.search.acceptance import accepted
 from pam_orthosis.discrepancy.search.confirmation import emptied, ranking, weighed
 from pam_orthosis.discrepancy.search.selection import Selection, Step
@@ -16,6 +16,9 @@ from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress
 
 ASKED_IN_SILENCE = 3
+ASKED_IN_ANY_FORM = 6
+SURE = 2.0  # times the threshold: what an effect needs beside a larger one whose form is free
+UNLIKE = 0.2  # of the larger one's gain, that such an effect would have had in its place at most
 ALIKE = 0.5  # of an effect's gain that another one had in its place
 BOTH = 2e-3  # of an effect's evidence, that one like it needs beside it and its details
 CLEANER = 0.6  # of the power density that was left, with an effect in place of another's details
@@ -63,6 +66,50 @@ def _round_in_silence(
     if step.accepted:
         found.apart[name] = selection.larger(found, name, settings)
     return step
+
+
+def or_in_any_form(
+    found: Selection,
+    held_out: Problem,
+    step: Step,
+    blocked: Sequence[str],
+    settings: Section,
+    progress: Progress,
+) -> Step:
+    """Return the step with an effect that larger ones kept out, where it shows whatever their form is.
+
+    It is none that would pass for the larger one. No form is known of what chance decides, and a shape
+    correction has none of its own.
+    """
+    problem, base = found.final_problem, found.final
+    seen: dict[str, float] = {}
+    for large, names in _by_larger(found, blocked[:ASKED_IN_ANY_FORM], settings).items():
+        if unlike := [name for name in names if _has_form(found, name, large)]:
+            progress(f"looking for {', '.join(unlike)} beside any form of {', '.join(sorted(large))}")
+            seen |= form.evidence(problem, base, unlike, large)
+    ranked = tuple(sorted(seen.items(), key=lambda one: -one[1]))
+    if not ranked or ranked[0][1] < SURE * settings.threshold:
+        return step
+    name = ranked[0][0]
+    model = refit.refitted(problem, base, quiet.beside(Projection(problem, base), name), progress)
+    able = [
+        one for one in weighed(problem, base, [model]) if one[0] >= selection.least(found, name, settings)
+    ]
+    other = accepted(problem, base, held_out, able, ranked, {name: ranked[0][1]}) if able else step
+    if able and other.accepted:
+        found.steps.append(step)
+        found.apart[name] = selection.larger(found, name, settings)
+        return other
+    return step
+
+
+def _has_form(found: Selection, name: str, large: Collection[str]) -> bool:
+    """Return whether larger effects may have another form, and an effect does not pass for them."""
+    system = found.problem.system
+    return not any(
+        system.catalogue[other].held or other in system.shapes or found.alike[other].get(name, 0.0) > UNLIKE
+        for other in large
+    )
 
 
 def _most(evidence: Values, names: Sequence[str]) -> float:

@@ -33,7 +33,12 @@ from pam_orthosis.discrepancy.search.screening import (
     strained,
     worth_polishing,
 )
-from pam_orthosis.discrepancy.search.second_chance import or_for_both, or_for_details, or_in_silence
+from pam_orthosis.discrepancy.search.second_chance import (
+    or_for_both,
+    or_for_details,
+    or_in_any_form,
+    or_in_silence,
+)
 from pam_orthosis.discrepancy.search.selection import Ranking, Selection, Step
 from pam_orthosis.discrepancy.systems.system import Values
 from pam_orthosis.model.parameters import Section
@@ -60,8 +65,10 @@ def extended(
     found = Selection(problem, base, problem, base, present=_earned(problem, base, progress))
     while len(known := found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, progress)
-        if step.blocked:
+        if blocked := step.blocked:
             step = or_in_silence(found, held_out, step, settings, progress)
+        if blocked and step.accepted is None:
+            step = or_in_any_form(found, held_out, step, blocked, settings, progress)
         if step.accepted is None:
             step = or_for_details(found, held_out, step, settings, progress)
         if step.accepted is None:

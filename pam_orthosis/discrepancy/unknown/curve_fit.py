@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from pam_orthosis.discrepancy.fitting.fit import Fit, scaled_slopes
-from pam_orthosis.discrepancy.fitting.structure import signals_of
+from pam_orthosis.discrepancy.fitting.signals import hats, whole_signals
 from pam_orthosis.discrepancy.replay.injection import Injection, injection
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.search.confirmation import LEAST_T, block_sums, t_value
@@ -92,7 +92,9 @@ class CurveFit:
         self._slopes = [scaled_slopes(block, model.free) for block in blocks]
         self._weight = np.array([one.scale / one.sd for one in model.free])
         self._deviation = np.array([one.deviation(model.values) for one in model.free])
-        self._signals = {one.run.serial: whole_signals(g, one) for g in self._groups for one in g.scored}
+        self._signals = {
+            one.run.serial: whole_signals(g.system, one) for g in self._groups for one in g.scored
+        }
         self._linear: dict[tuple[int, str], Injection] = {}
         self._levers: dict[tuple[int, str, Entry], np.ndarray] = {}
         for group in self._groups:
@@ -294,18 +296,6 @@ def lever(
         for change in (0.0, entry.size)
     ]
     return linear.added(seen[0] - seen[1]) / entry.size
-
-
-def whole_signals(group: Problem, one: Scored) -> dict[str, np.ndarray]:
-    """Return the signals of a run, their warm-up filled with the first value that counts."""
-    known = signals_of(group.system, one)
-    return {name: np.concatenate([np.full(one.warm_up, x[0]), x]) for name, x in known.items()}
-
-
-def hats(values: np.ndarray, low: float, high: float, knots: int) -> list[np.ndarray]:
-    """Return linear splines of values at knots between two ends: each is 1 at its own."""
-    place = np.clip((values - low) / max(high - low, 1e-300), 0.0, 1.0) * (knots - 1)
-    return [np.maximum(1 - np.abs(place - k), 0.0) for k in range(knots)]
 
 
 def without_parabola(places: np.ndarray, weight: np.ndarray) -> np.ndarray:

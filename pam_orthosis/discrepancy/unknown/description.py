@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pam_orthosis.discrepancy.fitting.fit import Fit
-from pam_orthosis.discrepancy.fitting.structure import signals_of
+from pam_orthosis.discrepancy.fitting.signals import signals_of
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search.findings import QUANTILE
 from pam_orthosis.discrepancy.systems.system import Entry, Equation, System, Values

@@ -14,8 +14,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from pam_orthosis.discrepancy.fitting.signals import hats
 from pam_orthosis.discrepancy.systems.system import Entry, System
-from pam_orthosis.discrepancy.unknown.curve_fit import hats
 
 LEAVES = 0.02  # of a curve's weighted squares, that a form does not explain, at most
 CLEARER = 0.5  # times what the next form leaves: what the best one leaves, at most
