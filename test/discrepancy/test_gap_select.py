@@ -248,6 +248,41 @@ def test_what_only_a_larger_effect_keeps_out_competes_where_that_one_is_silent(m
     assert [one.accepted for one in found.steps] == ([None] if chosen == "angle_gain" else [])
 
 
+SHOWS = second_chance.SURE * SETTINGS.threshold
+
+
+@pytest.mark.parametrize(
+    ("larger", "alike", "evidence", "named"),
+    [
+        ("joint_friction", 0.5 * second_chance.UNLIKE, SHOWS + 1, True),
+        ("joint_friction", 0.5 * second_chance.UNLIKE, SHOWS - 1, False),
+        ("joint_friction", 2 * second_chance.UNLIKE, SHOWS + 1, False),
+        ("backlash", 0.0, SHOWS + 1, False),  # chance decides what is left of it
+        ("force_map_misfit", 0.0, SHOWS + 1, False),
+    ],
+)
+def test_a_small_effect_that_no_form_of_the_larger_one_does_is_added(
+    monkeypatch, larger, alike, evidence, named
+):
+    found = found_so_far({larger: 60_000.0}, {larger: {"extra_foot_mass": alike}})
+    found.problem.system.shapes = ("force_map_misfit",)
+    monkeypatch.setitem(EQUATIONS, "force_map_misfit", {"torque"})
+    step = selection.Step(None, None, None, 80.0, 0.0, (), "extra_foot_mass has evidence 80")
+    monkeypatch.setattr(
+        second_chance.form, "evidence", lambda problem, base, names, large: dict.fromkeys(names, evidence)
+    )
+    results = {"Projection": None, "weighed": [(80.0, None, None)]}
+    results["accepted"] = replace(step, accepted="extra_foot_mass")
+    for name, result in results.items():
+        monkeypatch.setattr(second_chance, name, lambda *_, result=result: result)
+    monkeypatch.setattr(second_chance.quiet, "beside", lambda *_: None)
+    monkeypatch.setattr(second_chance.refit, "refitted", lambda *_: None)
+    other = second_chance.or_in_any_form(found, None, step, ("extra_foot_mass",), SETTINGS, silent)
+    assert other.accepted == ("extra_foot_mass" if named else None)
+    assert found.steps == ([step] if named else [])
+    assert asked(found, "extra_foot_mass") == SETTINGS.threshold if named else not found.apart
+
+
 @pytest.mark.parametrize(
     ("loss_of_second", "empty"), [(4.0, ()), (5000.0, ("muscle_hysteresis.sliding_distance",))]
 )
