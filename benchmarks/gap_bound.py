@@ -33,6 +33,7 @@ from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.search.quiet import beside as fitted_beside
+from pam_orthosis.discrepancy.search.second_chance import SURE
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.progress import silent
 from pam_orthosis.testing import case as cases
@@ -120,12 +121,11 @@ def _of_pair(one: Mapping[str, Any], missed: str, replay: Replay) -> dict[str, A
     together = replay.touched(other) & replay.touched(missed)
     settings = cases.nominal().gap.evidence
     by_chance = bool(replay.system.catalogue[other].held)  # what is left beside it may look like anything
-    share = settings.share if by_chance else settings.least_share
-    asked = share * evidence.get(other, 0.0) if together else 0.0
+    asked = settings.share * evidence.get(other, 0.0) if by_chance else SURE * settings.threshold
     return {
         "seed": one["seed"], "missed": missed, "beside": other, "named": other in evidence,
         "at_most": round(evidence_at_most(one, replay, other), 1),
-        "asked": round(max(settings.threshold, asked), 1),
+        "asked": round(max(settings.threshold, asked if together else 0.0), 1),
     }  # fmt: skip
 
 

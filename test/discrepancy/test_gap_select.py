@@ -267,7 +267,8 @@ def test_a_small_effect_that_no_form_of_the_larger_one_does_is_added(
     found = found_so_far({larger: 60_000.0}, {larger: {"extra_foot_mass": alike}})
     found.problem.system.shapes = ("force_map_misfit",)
     monkeypatch.setitem(EQUATIONS, "force_map_misfit", {"torque"})
-    step = selection.Step(None, None, None, 80.0, 0.0, (), "extra_foot_mass has evidence 80")
+    kept = ("extra_foot_mass",)
+    step = selection.Step(None, None, None, 80.0, 0.0, (), "too little evidence", blocked=kept)
     monkeypatch.setattr(
         second_chance.form, "evidence", lambda problem, base, names, large: dict.fromkeys(names, evidence)
     )
@@ -277,7 +278,7 @@ def test_a_small_effect_that_no_form_of_the_larger_one_does_is_added(
         monkeypatch.setattr(second_chance, name, lambda *_, result=result: result)
     monkeypatch.setattr(second_chance.quiet, "beside", lambda *_: None)
     monkeypatch.setattr(second_chance.refit, "refitted", lambda *_: None)
-    other = second_chance.or_in_any_form(found, None, step, ("extra_foot_mass",), SETTINGS, silent)
+    other = second_chance.or_in_any_form(found, None, step, SETTINGS, silent)
     assert other.accepted == ("extra_foot_mass" if named else None)
     assert found.steps == ([step] if named else [])
     assert asked(found, "extra_foot_mass") == SETTINGS.threshold if named else not found.apart

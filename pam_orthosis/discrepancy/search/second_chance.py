@@ -33,7 +33,7 @@ def or_in_silence(
         return step
     reason = f"{other.accepted} has more evidence where larger effects are silent"
     found.steps.append(replace(step, accepted=None, reason=reason) if step.accepted else step)
-    return other
+    return other if other.accepted else replace(other, blocked=step.blocked)
 
 
 def _round_in_silence(
@@ -69,12 +69,7 @@ def _round_in_silence(
 
 
 def or_in_any_form(
-    found: Selection,
-    held_out: Problem,
-    step: Step,
-    blocked: Sequence[str],
-    settings: Section,
-    progress: Progress,
+    found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
 ) -> Step:
     """Return the step with an effect that larger ones kept out, where it shows whatever their form is.
 
@@ -83,7 +78,7 @@ def or_in_any_form(
     """
     problem, base = found.final_problem, found.final
     seen: dict[str, float] = {}
-    for large, names in _by_larger(found, blocked[:ASKED_IN_ANY_FORM], settings).items():
+    for large, names in _by_larger(found, step.blocked[:ASKED_IN_ANY_FORM], settings).items():
         if unlike := [name for name in names if _has_form(found, name, large)]:
             progress(f"looking for {', '.join(unlike)} beside any form of {', '.join(sorted(large))}")
             seen |= form.evidence(problem, base, unlike, large)

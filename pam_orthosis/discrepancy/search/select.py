@@ -65,10 +65,10 @@ def extended(
     found = Selection(problem, base, problem, base, present=_earned(problem, base, progress))
     while len(known := found.final.effects) < settings.effects:
         step = _round(found, held_out, settings, progress)
-        if blocked := step.blocked:
+        if step.blocked:
             step = or_in_silence(found, held_out, step, settings, progress)
-        if blocked and step.accepted is None:
-            step = or_in_any_form(found, held_out, step, blocked, settings, progress)
+        if step.accepted is None and step.blocked:
+            step = or_in_any_form(found, held_out, step, settings, progress)
         if step.accepted is None:
             step = or_for_details(found, held_out, step, settings, progress)
         if step.accepted is None:
