@@ -76,11 +76,14 @@ def described(found: dict) -> list[tuple[str, float]]:
     return [(one["coordinate"], one["reduced"]) for one in curves if one]
 
 
-def described_rightly(result: dict) -> bool:
-    """Whether an effect outside the catalogue is described over what it depends on, and nothing else."""
+def told_rightly(result: dict) -> bool:
+    """Whether it is said what an effect outside the catalogue depends on, and nothing else; or on nothing."""
+    depends = set(DEPENDS[result["effects"][0]])
+    if not depends:
+        return result["found"]["verdict"] == "unexplained" and not result["found"]["described"]
     if result["found"]["verdict"] != "described":
         return False
-    return {name for name, _ in result["found"]["described"]} <= set(DEPENDS[result["effects"][0]])
+    return {name for name, _ in result["found"]["described"]} <= depends
 
 
 def judged(result: dict) -> str:
@@ -109,6 +112,28 @@ def falsely_explained(result: dict) -> bool:
     if "found" not in result or result["found"]["verdict"] != "explained" or judged(result) == "set":
         return False
     return not set(names(result)) <= set(result["effects"]) or result["outside"]
+
+
+def right_names(results: list[dict]) -> tuple[int, int]:
+    """Return how many of the names that were given are right, and how many were."""
+    given = [(name, r) for r in results if "found" in r for name in names(r)]
+    return sum(_right_name(name, r) for name, r in given), len(given)
+
+
+def closed(results: list[dict]) -> tuple[int, int]:
+    """Return in how many of the gaps called explained at least `CLOSED` of the gap is, and how many were."""
+    shares = [
+        r["found"]["closure"]["overall"]
+        for r in results
+        if "found" in r and r["found"]["verdict"] == "explained"
+    ]
+    return sum(share is not None and share >= CLOSED for share in shares), len(shares)
+
+
+def held(results: list[dict]) -> tuple[int, int]:
+    """Return how many intervals of effects of the same form hold the truth, and how many there are."""
+    _, inside = _parameters([r for r in results if judged(r) in ("right", "set")])
+    return sum(inside), len(inside)
 
 
 def names(result: dict) -> list[str]:
@@ -153,8 +178,7 @@ def _figures(solved) -> dict[str, str]:
     """Return the figures of one class by their names."""
     if not solved:
         return {}
-    given = [(name, r) for r in solved for name in names(r)]
-    right_names = sum(_right_name(name, r) for name, r in given)
+    good, given = right_names(solved)
     right = [r for r in solved if judged(r) in ("right", "set")]
     with_name = [r for r in solved if names(r)]
     closures = [r["found"]["closure"]["overall"] for r in right]
@@ -163,8 +187,7 @@ def _figures(solved) -> dict[str, str]:
     flagged = sum(r["found"]["verdict"] in OPEN for r in right)
     seconds = [r["seconds"] for r in solved]
     return {
-        "names given that are right": f"{right_names} of {len(given)}"
-        f" ({right_names / max(len(given), 1):.0%})",
+        "names given that are right": f"{good} of {given} ({good / max(given, 1):.0%})",
         "cases with a name, all of them right": f"{len(right)} of {len(with_name)}",
         "closure of rightly named cases, median": f"{np.median(closures):.3f}",
         f"closure at least {CLOSED}": f"{np.sum(closures >= CLOSED)} of {len(closures)}"

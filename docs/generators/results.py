@@ -223,7 +223,26 @@ def gap_asked() -> str:
             hidden, "-" if asked is None else f"{asked:.0%}", _share(part, whole), met,
             "-" if small is None else str(small),
         ))  # fmt: skip
+    rows += [
+        (what, f"{asked:.0%}", _share(part, whole), "yes" if part >= asked * whole else "no", "-")
+        for what, asked, (part, whole) in _qualities(cases)
+        if whole
+    ]
     return table(("right", "asked", "reached", "met", "missed: too small to be found"), rows)
+
+
+def _qualities(cases: Sequence[dict[str, Any]]) -> Iterable[tuple[str, float, tuple[int, int]]]:
+    """Yield what is asked beside names: what it is, the share asked, how many of how many reached it."""
+    singles = {name: chosen_of(cases, name) for name in ("clean", "realistic")}
+    yield "names given, clean", 0.99, gap_table.right_names(singles["clean"])
+    yield "names given, realistic", 0.98, gap_table.right_names(singles["realistic"])
+    both = [*singles["clean"], *singles["realistic"]]
+    yield "95 % of the gap closed, where it is called explained", 0.95, gap_table.closed(both)
+    yield "intervals of effects of the same form", 0.9, gap_table.held(both)
+    for what, asked, on in (("on the right signal", 0.8, True), ("on no signal of the instant", 0.9, False)):
+        outside = [r for r in chosen_of(cases, "outside") if bool(gap_table.DEPENDS[r["effects"][0]]) == on]
+        right = sum("found" in r and gap_table.told_rightly(r) for r in outside)
+        yield f"an effect outside, said to depend {what}", asked, (right, len(outside))
 
 
 def _hidden_from_all(cases: Sequence[dict[str, Any]]) -> int | None:
@@ -340,19 +359,19 @@ def gap_outside() -> str:
     cases, rows = [*cases, *newest], []
     for effect, signals in gap_table.DEPENDS.items():
         chosen = [case for case in cases if case["effects"] == [effect]]
-        right = [case for case in chosen if gap_table.described_rightly(case)]
+        right = [case for case in chosen if gap_table.told_rightly(case)]
         shares = [sum(share for _, share in case["found"]["described"]) for case in right]
         others = Counter(_told(case) for case in chosen if case not in right)
         latest = [case in right for case in chosen if case in newest]
         over = ", ".join(signals).replace("_", " ") or "no signal of the instant"
         rows.append((
             f"`{effect}`", over, str(len(chosen)),
-            str(len(right)), f"{median(shares):.0%}" if shares else "-",
+            str(len(right)), f"{median(shares):.0%}" if any(shares) else "-",
             ", ".join(f"{name} {count}" for name, count in others.most_common()) or "-",
             f"{sum(latest)} of {len(latest)}",
         ))  # fmt: skip
-    heads = ("hidden", "depends on", "cases", "described so", "removes", "other answers")
-    return table((*heads, "described so, by the present rules"), rows)
+    heads = ("hidden", "depends on", "cases", "told so", "removes", "other answers")
+    return table((*heads, "told so, by the present rules"), rows)
 
 
 def _told(case: dict[str, Any]) -> str:
