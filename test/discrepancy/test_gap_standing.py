@@ -2,6 +2,7 @@
 """Curves over what is large bend the model: they are fitted again in the model that has them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -20,6 +21,7 @@ from pam_orthosis.discrepancy.api import (
 )
 from pam_orthosis.discrepancy.fitting import measure
 from pam_orthosis.discrepancy.preparation.beginning import begin
+from pam_orthosis.discrepancy.unknown import description
 from pam_orthosis.discrepancy.workflow import search
 from pam_orthosis.model.parameters import load
 
@@ -148,3 +150,17 @@ def test_what_is_left_beside_named_effects_is_what_a_model_with_both_leaves(stic
     assert f"beside what is unknown, and so in a model file: effects.dry_friction.level {level:.4g}" in (
         describe(outcome)
     )
+
+
+@pytest.mark.parametrize("spread", [1.0, np.inf, np.nan])
+def test_curves_stay_as_they_are_where_a_model_that_has_them_runs_away(monkeypatch, spread):
+    group = SimpleNamespace(weights={}, weighted=lambda _: group, system=None)
+    told, again = (
+        SimpleNamespace(covariance=np.eye(3)),
+        SimpleNamespace(covariance=spread * np.ones((3, 3))),
+    )
+    monkeypatch.setattr(description, "CurveFit", lambda *_: SimpleNamespace(fit=lambda _: None))
+    monkeypatch.setattr(description.periodic, "with_harmonics", lambda *_: ())
+    for name, result in {"_spline": None, "_changed": again, "_compared": again}.items():
+        monkeypatch.setattr(description, name, lambda *_, result=result: result)
+    assert description.refitted(group, group, None, None, [told]) == ((again if spread == 1.0 else told),)

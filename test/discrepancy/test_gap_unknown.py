@@ -22,7 +22,9 @@ from pam_orthosis.discrepancy.replay.whitening import Whitener
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.discrepancy.systems.system import Channel, Entry, Equation, System
 from pam_orthosis.discrepancy.unknown import curve_fit, description, unknown, waves
+from pam_orthosis.discrepancy.unknown.curve_fit import Spline
 from pam_orthosis.discrepancy.unknown.events import Event, end_of
+from pam_orthosis.discrepancy.unknown.parts import parts_of
 from pam_orthosis.discrepancy.unknown.unknown import Unknown
 from pam_orthosis.model.parameters import load
 from pam_orthosis.report import gap_figures
@@ -132,11 +134,27 @@ def test_without_a_candidate_of_a_constant_the_missing_rate_is_described(bench):
     linear = injection(replay, run, equation, "angle", replay.defaults(()))
     assert (lever_of(replay, run, equation, "angle", linear) == 1.0).all()
     found = SimpleNamespace(
-        channel="angle", coordinate="angle", period=None, amplitude=(2.0,), unit=entry.unit, entry=entry,
-        is_constant=False,
+        channel="angle", coordinate="angle", period=None, amplitude=(2.0, 1.0, 3.0), unit=entry.unit,
+        entry=entry, is_constant=False, values=np.array([-2.5, 2.5]),
     )  # fmt: skip
     reported = short(system, SimpleNamespace(descriptions=[found], events=()))
     assert reported == "unknown acceleration of angle over angle (2 rad/s^2)"
+    found.values, found.period = np.array([0.0, 70.0]), 0.3  # with a parabola, of which it is a small part
+    reported = short(system, SimpleNamespace(descriptions=[found], events=()))
+    assert reported == "unknown acceleration of angle over angle (35 rad/s^2)"
+
+
+@pytest.mark.parametrize("harmonics", [0, 1])
+@pytest.mark.parametrize(("height", "level"), [(0.001, -0.9), (0.1, 0.0)])
+def test_a_curve_over_its_own_signal_that_is_a_constant_alone_is_called_one(harmonics, height, level):
+    """Its shape does not show; where it does, the constant may be due to parameters."""
+    places, period = np.linspace(0.0, 1.0, 20), 0.4
+    values = -0.9 + height * np.sin(2 * np.pi * places / period)
+    spline = Spline("x", Entry("m/s^2"), "x", 20, period if harmonics else 0.0, harmonics)
+    kept, shape, *_, found = parts_of(places, values, 1e-4 * np.eye(20), True, spline)
+    assert found == pytest.approx(level, abs=0.01)
+    assert kept + found == pytest.approx(values)
+    assert np.abs(shape).max() < 0.2
 
 
 def test_a_torque_of_the_angle_is_described_with_its_period_and_size(bench, reported):

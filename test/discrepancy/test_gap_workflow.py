@@ -536,6 +536,29 @@ def test_a_copy_of_what_is_fitted_does_not_judge(bench):
         find_gap(bench.system, [fitted], [from_arrays("copy", bench.system, arrays)], bench.parameters.gap)
 
 
+def test_coarse_readings_of_two_slow_motions_are_no_copies(bench):
+    """Rows recur where few values are possible; sequences of them do not."""
+    coarse = [
+        from_arrays(name, bench.system, {key: _coarse(bench.arrays(seed), key) for key in COLUMNS})
+        for name, seed in (("one", 1), ("other", 2))
+    ]
+    rows = [{*zip(*(one.signals[name] for name in sorted(one.signals)), strict=True)} for one in coarse]
+    assert len(rows[1] & rows[0]) > 0.5 * len(rows[1]), "else nothing is asked of the check"
+    check.check_unseen(coarse[:1], coarse[1:])
+
+
+def _coarse(arrays, key):
+    """Return a column with few different values, all but one of them at rest."""
+    if key == "time":
+        return arrays[key]
+    noise = np.random.default_rng(int(1e6 * arrays[key][-1] % 1e6)).integers(0, 5, len(arrays[key]))
+    return (
+        0.2 + 0.1 * np.round(5 * arrays[key]) + 0.01 * noise
+        if key == "angle"
+        else np.full_like(arrays[key], 2e5)
+    )
+
+
 def test_a_delay_beside_the_models_is_told_with_both(bench):
     """Alone, a negative one reads as nonsense."""
     late = replace(bench.system, late=0.0099)

@@ -16,6 +16,7 @@ from pam_orthosis.discrepancy.unknown.unknown import Unknown
 MOST_EVENTS = 4  # in one line
 FEWEST_DIGITS = 3  # of a curve's amplitude
 ALL = 0.99  # of a gap
+BENT = 10.0  # the same, of one that is a parabola above all
 LARGER = 1.5  # half the range of a curve over that of its shape, which is worth a word
 DRIFTING, CLEARLY = 0.5, 2.0  # of the gap, that time explains; times what any other signal does
 
@@ -55,6 +56,8 @@ def _short(system: System, one: Description) -> str:
     period = "" if one.period is None else f"period {_with_unit(system, one, one.period)}, "
     name, signal = _name(one), one.coordinate.replace("_", " ")
     by = "over" if " of " in name else "of"
+    if _whole(one) > BENT * one.amplitude[2]:
+        return f"{name} {by} {signal} ({_whole(one):.3g} {one.unit})"
     return f"{name} {by} {signal} ({period}{one.amplitude[0]:.3g} {one.unit})"
 
 
@@ -128,10 +131,16 @@ def _removes(one: Description) -> str:
 
 def _with_parabola(one: Description) -> str:
     """Return how large a curve is with the parabola that other parameters may do as well, if it is larger."""
-    whole = 0.5 * float(np.ptp(one.values))
-    larger = whole > LARGER * one.amplitude[0]
-    words = f" ({whole:.3g} {one.unit} with a parabola that may be due to the model's parameters instead)"
+    larger = _whole(one) > LARGER * one.amplitude[0]
+    words = (
+        f" ({_whole(one):.3g} {one.unit} with a parabola that may be due to the model's parameters instead)"
+    )
     return words if larger else ""
+
+
+def _whole(one: Description) -> float:
+    """Return half the range of a curve, with a parabola that its shape is without."""
+    return 0.5 * float(np.ptp(one.values))
 
 
 def _carried(system: System, one: Description) -> list[str]:

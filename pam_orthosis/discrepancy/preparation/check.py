@@ -4,6 +4,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import welch
 
 from pam_orthosis.discrepancy.recordings.data import Recording
@@ -22,7 +23,8 @@ PARTS, FILTERED = 8, 10.0  # of the upper half of the band: power of the largest
 NOTCH, SEGMENTS = 0.05, 16  # of the usual power, which white noise in so many segments never falls below
 COARSE = 0.4  # noise over the step of a signal: that of rounding alone is 0.29
 APART = "what was fitted cannot judge: hold out another recording, or none (the last quarters judge then)"
-SEEN = 0.5  # of the different samples of a recording that judges: they are those of a fitted one
+IN_A_ROW = 8  # samples that are compared at once
+SEEN = 0.5  # of the different ones of a recording that judges: they are those of a fitted one
 STILL = 5  # steps without a change, which noise does not allow
 LEAST_CLIPPED = 0.01  # of the samples, that are at one end
 BEYOND, LEAST_BEYOND = 0.01, 0.01  # of a box's width, that noise may leave it by; of a recording's samples
@@ -129,10 +131,17 @@ def check_unseen(training: Sequence[Recording], held_out: Sequence[Recording]) -
     """
     every = [*training, *held_out]
     names = sorted(set.intersection(*(set(one.signals) for one in every)))
-    samples = [_samples(one, names) for one in every]
+    known: dict[tuple[int, int], np.ndarray] = {}
+
+    def of(k: int, step: int = 1) -> np.ndarray:
+        if (k, step) not in known:
+            known[k, step] = _in_a_row(every[k], names, step)
+        return known[k, step]
+
     for i, one in enumerate(every):
         for j, other in enumerate(every[:i]):
-            share = float(np.isin(samples[i], samples[j]).mean())
+            step = max(1, round(one.period / other.period))
+            share = float(np.isin(of(i), of(j, step)).mean())
             if share > SEEN:
                 remedy = APART if j < len(training) <= i else "give each recording once"
                 raise OrthosisError(
@@ -140,13 +149,17 @@ def check_unseen(training: Sequence[Recording], held_out: Sequence[Recording]) -
                 )
 
 
-def _samples(one: Recording, names: Sequence[str]) -> np.ndarray:
-    """Return a recording's different samples of some signals, each as one number of many bytes.
+def _in_a_row(one: Recording, names: Sequence[str], step: int) -> np.ndarray:
+    """Return a recording's different sequences of some samples, each as one number of many bytes.
 
-    In single precision: a table may have fewer digits than the bag that it was made of.
+    Coarse readings of two recordings are equal now and then, but not several in a row. In single precision:
+    a table may have fewer digits than the bag that it was made of. `step`: of how many samples one counts.
     """
     rows = np.column_stack([one.signals[name] for name in names]).astype(np.float32)
-    return np.unique(np.ascontiguousarray(rows).view(np.dtype((np.void, rows.itemsize * rows.shape[1]))))
+    reach = min((IN_A_ROW - 1) * step + 1, len(rows))
+    windows = sliding_window_view(rows, reach, axis=0)[..., ::step]
+    flat = np.ascontiguousarray(windows).reshape(len(windows), -1)
+    return np.unique(flat.view(np.dtype((np.void, flat.itemsize * flat.shape[1]))))
 
 
 def check_motion(system: System, recordings: Sequence[Recording], purpose: str) -> None:

@@ -166,11 +166,12 @@ class CurveFit:
         columns, left = self._columns(0, found.splines, found.able), found.left[0]
         rows = np.zeros((len(found.step), len(left)))
         rows[place], rows[len(self._weight) :] = slopes, columns.T
-        sums = [block_sums(self._groups[0], self._equation, row * left) for row in rows]
-        moved = np.sum((found.covariance @ np.array(sums)) ** 2, axis=1)
-        times = moved / np.maximum(np.diag(found.covariance), 1e-300)
-        wider = np.sqrt(np.maximum(times, max(1.0, float(left @ left) / max(len(left) - len(rows), 1))))
-        spread: np.ndarray = found.covariance * np.outer(wider, wider)
+        with np.errstate(over="ignore", invalid="ignore"):  # as in `_fitted`
+            sums = [block_sums(self._groups[0], self._equation, row * left) for row in rows]
+            moved = np.sum((found.covariance @ np.array(sums)) ** 2, axis=1)
+            times = moved / np.maximum(np.diag(found.covariance), 1e-300)
+            wider = np.sqrt(np.maximum(times, max(1.0, float(left @ left) / max(len(left) - len(rows), 1))))
+            spread: np.ndarray = found.covariance * np.outer(wider, wider)
         return spread
 
     def moved(self, found: Fitted) -> dict[str, float]:

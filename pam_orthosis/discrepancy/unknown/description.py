@@ -27,15 +27,14 @@ from pam_orthosis.discrepancy.unknown.curve_fit import (
     Fitted,
     Spline,
     Term,
-    without_parabola,
 )
+from pam_orthosis.discrepancy.unknown.parts import CONSTANT, parts_of
 
 LEAST_REDUCED = 0.5  # share of the held-out gap that descriptions of an equation remove, at least
 LEAST_ADDED = 0.2  # of that gap: what one of several removes
 NEAR = 0.05  # of that gap: signals that differ by less are told apart by the equation, not by the recordings
 UNSURE = 3.0  # times the median standard deviation: places that were hardly visited
 MOSTLY = 0.5  # of the samples that judge, inside the range that was fitted
-CONSTANT = 3.0  # mean of a curve over half of its range
 
 
 @dataclass(frozen=True)
@@ -151,13 +150,17 @@ def described(problem: Problem, judge: Problem, model: Fit, equation: Equation) 
 def refitted(
     problem: Problem, judge: Problem, model: Fit, equation: Equation, told: Sequence[Description]
 ) -> tuple[Description, ...]:
-    """Return descriptions with their curves fitted again, by a model that has them as they are."""
+    """Return descriptions with their curves fitted again, by a model that has them as they are.
+
+    As they are, too, where derivatives of that model ran away: nothing can be told from them.
+    """
     groups = [group.weighted(dict.fromkeys(group.weights, 1.0)) for group in (problem, judge)]
     curves = CurveFit(groups[0], groups[1], model, equation)
     found = curves.fit(periodic.with_harmonics(curves, tuple(_spline(problem.system, one) for one in told)))
-    return tuple(
-        _compared(problem.system, _changed(curves, found, index, one)) for index, one in enumerate(told)
-    )
+    changed = [_changed(curves, found, index, one) for index, one in enumerate(told)]
+    if not all(np.isfinite(one.covariance).all() for one in changed):
+        return tuple(told)
+    return tuple(_compared(problem.system, one) for one in changed)
 
 
 def _spline(system: System, one: Description) -> Spline:
@@ -179,7 +182,7 @@ def _changed(curves: CurveFit, found: Fitted, index: int, one: Description) -> D
         values, moved = waves.wave_moved(places, spline.period, np.array(spline.factors), change)
         spline = spline._replace(period=moved)
     own = curves.is_own(spline)
-    values, shape, covariance, period, level = _parts(places, values, covariance, own, spline)
+    values, shape, covariance, period, level = parts_of(places, values, covariance, own, spline)
     return replace(
         one, values=values, shape=shape, covariance=covariance, period=period, level=level, shape_of=None,
         harmonics=spline.harmonics,
@@ -279,28 +282,11 @@ def _description(
 ) -> Description:
     spline = found.splines[index]
     places, values, covariance = curves.curve(found, index)
-    parts = _parts(places, values, covariance, curves.is_own(spline), spline)
+    parts = parts_of(places, values, covariance, curves.is_own(spline), spline)
     return Description(
         spline.channel, spline.entry, spline.signal, places, *parts[:3], share, runner_up, *parts[3:],
         beside=curves.moved(found), harmonics=spline.harmonics,
     )  # fmt: skip
-
-
-def _parts(
-    places: np.ndarray, values: np.ndarray, covariance: np.ndarray, own: bool, spline: Spline
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float | None, float]:
-    """Return values, shape, its covariance, period and level of a curve, that of an own signal or another."""
-    if spline.harmonics:
-        mean, wave = waves.wave_of(places, spline.period, spline.harmonics)
-        level = 0.0 if own else float(mean @ values)
-        return values - level, wave @ values, wave @ covariance @ wave.T, spline.period, level
-    weight = 1 / np.maximum(np.diag(covariance), 1e-300)
-    certain = without_parabola(places, weight) if own else np.eye(len(places)) - weight / weight.sum()
-    shape, covariance = certain @ values, certain @ covariance @ certain.T
-    period = spline.period or waves.wave_period(places, shape, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-    if own:
-        return values, shape, covariance, period, 0.0
-    return shape, shape, covariance, period, float((values - shape)[0])
 
 
 def _compared(system: System, one: Description) -> Description:

@@ -54,7 +54,8 @@ def wave_period(places: np.ndarray, curve: np.ndarray, spread: np.ndarray) -> fl
     known = np.sum(weight) ** 2 / np.sum(weight**2)  # knots, if those that are known less count less
     if known < FEWEST_KNOWN:
         return None
-    fits = [_explained(places, curve, weight, width / cycles) for cycles in tried]
+    with np.errstate(over="ignore", invalid="ignore"):  # a curve that ran away has no period
+        fits = [_explained(places, curve, weight, width / cycles) for cycles in tried]
     cycles = float(tried[np.argmax(fits)])
     return width / cycles if cycles >= CYCLES and max(fits) > FITS else None
 
