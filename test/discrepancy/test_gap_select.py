@@ -254,9 +254,9 @@ SHOWS = second_chance.SURE * SETTINGS.threshold
 @pytest.mark.parametrize(
     ("larger", "alike", "evidence", "named"),
     [
-        ("joint_friction", 0.5 * second_chance.UNLIKE, SHOWS + 1, True),
-        ("joint_friction", 0.5 * second_chance.UNLIKE, SHOWS - 1, False),
-        ("joint_friction", 2 * second_chance.UNLIKE, SHOWS + 1, False),
+        ("joint_friction", 0.9 * second_chance.ALIKE, SHOWS + 1, True),
+        ("joint_friction", 0.9 * second_chance.ALIKE, SHOWS - 1, False),
+        ("joint_friction", 1.1 * second_chance.ALIKE, SHOWS + 1, False),
         ("backlash", 0.0, SHOWS + 1, False),  # chance decides what is left of it
         ("force_map_misfit", 0.0, SHOWS + 1, False),
     ],

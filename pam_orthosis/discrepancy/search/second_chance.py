@@ -18,7 +18,6 @@ from pam_orthosis.progress import Progress
 ASKED_IN_SILENCE = 3
 ASKED_IN_ANY_FORM = 6
 SURE = 2.0  # times the threshold: what an effect needs beside a larger one whose form is free
-UNLIKE = 0.2  # of the larger one's gain, that such an effect would have had in its place at most
 ALIKE = 0.5  # of an effect's gain that another one had in its place
 BOTH = 2e-3  # of an effect's evidence, that one like it needs beside it and its details
 CLEANER = 0.6  # of the power density that was left, with an effect in place of another's details
@@ -102,7 +101,7 @@ def _has_form(found: Selection, name: str, large: Collection[str]) -> bool:
     """Return whether larger effects may have another form, and an effect does not pass for them."""
     system = found.problem.system
     return not any(
-        system.catalogue[other].held or other in system.shapes or found.alike[other].get(name, 0.0) > UNLIKE
+        system.catalogue[other].held or other in system.shapes or found.alike[other].get(name, 0.0) > ALIKE
         for other in large
     )
 
