@@ -33,7 +33,7 @@ from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
 from pam_orthosis.discrepancy.search.quiet import beside as fitted_beside
-from pam_orthosis.discrepancy.search.second_chance import SURE
+from pam_orthosis.discrepancy.search.second_chance import IN_ANY_FORM
 from pam_orthosis.discrepancy.systems.knee import knee
 from pam_orthosis.progress import silent
 from pam_orthosis.testing import case as cases
@@ -121,7 +121,7 @@ def _of_pair(one: Mapping[str, Any], missed: str, replay: Replay) -> dict[str, A
     together = replay.touched(other) & replay.touched(missed)
     settings = cases.nominal().gap.evidence
     by_chance = bool(replay.system.catalogue[other].held)  # what is left beside it may look like anything
-    asked = settings.share * evidence.get(other, 0.0) if by_chance else SURE * settings.threshold
+    asked = settings.share * evidence.get(other, 0.0) if by_chance else IN_ANY_FORM.sure * settings.threshold
     return {
         "seed": one["seed"], "missed": missed, "beside": other, "named": other in evidence,
         "at_most": round(evidence_at_most(one, replay, other), 1),

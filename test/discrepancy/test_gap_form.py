@@ -45,7 +45,7 @@ def test_what_a_form_leaves_over_is_gone_with_the_form_free_and_what_is_there_st
     seen = form.evidence(*rubbing, [HIDDEN, *COMPANIONS], LARGE)
     assert min(plainly(*rubbing, COMPANIONS)) > THRESHOLD, "else they would tempt nobody"
     assert max(seen[name] for name in COMPANIONS) < THRESHOLD / 2
-    assert seen[HIDDEN] > second_chance.SURE * THRESHOLD
+    assert seen[HIDDEN] > second_chance.IN_ANY_FORM.sure * THRESHOLD
 
 
 def test_nothing_is_known_beside_what_changes_a_channel_without_a_state(rubbing):

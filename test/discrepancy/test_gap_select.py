@@ -237,7 +237,8 @@ def test_what_only_a_larger_effect_keeps_out_competes_where_that_one_is_silent(m
     found = found_so_far({"valve_lag": 60_000.0}, {"valve_lag": {}})
     step = selection.Step("extra_foot_mass", None, None, 270.0, 4.0, (), "accepted", blocked=("angle_gain",))
     shown = {"angle_gain": rival, "extra_foot_mass": 200.0}
-    monkeypatch.setattr(second_chance.quiet, "evidence", lambda problem, base, names, large: shown)
+    way = second_chance.IN_SILENCE._replace(evidence=lambda problem, base, names, large: shown)
+    monkeypatch.setattr(second_chance, "IN_SILENCE", way)
     monkeypatch.setattr(second_chance.quiet, "beside", lambda *_: None)
     other = replace(step, accepted="angle_gain", evidence=400.0)
     results = {"Projection": None, "weighed": [(400.0, None, None)], "accepted": other}
@@ -248,7 +249,7 @@ def test_what_only_a_larger_effect_keeps_out_competes_where_that_one_is_silent(m
     assert [one.accepted for one in found.steps] == ([None] if chosen == "angle_gain" else [])
 
 
-SHOWS = second_chance.SURE * SETTINGS.threshold
+SHOWS = second_chance.IN_ANY_FORM.sure * SETTINGS.threshold
 
 
 @pytest.mark.parametrize(
@@ -257,6 +258,12 @@ SHOWS = second_chance.SURE * SETTINGS.threshold
         ("joint_friction", 0.9 * second_chance.ALIKE, SHOWS + 1, True),
         ("joint_friction", 0.9 * second_chance.ALIKE, SHOWS - 1, False),
         ("joint_friction", 1.1 * second_chance.ALIKE, SHOWS + 1, False),
+        (
+            "muscle_hysteresis",
+            1.1 * second_chance.ALIKE,
+            SHOWS + 1,
+            True,
+        ),  # a promise that a fit did not keep
         ("backlash", 0.0, SHOWS + 1, False),  # chance decides what is left of it
         ("force_map_misfit", 0.0, SHOWS + 1, False),
     ],
@@ -266,12 +273,14 @@ def test_a_small_effect_that_no_form_of_the_larger_one_does_is_added(
 ):
     found = found_so_far({larger: 60_000.0}, {larger: {"extra_foot_mass": alike}})
     found.problem.system.shapes = ("force_map_misfit",)
+    found.fitted = {"muscle_hysteresis": {"extra_foot_mass": 0.9 * second_chance.ALIKE}}
     monkeypatch.setitem(EQUATIONS, "force_map_misfit", {"torque"})
     kept = ("extra_foot_mass",)
     step = selection.Step(None, None, None, 80.0, 0.0, (), "too little evidence", blocked=kept)
-    monkeypatch.setattr(
-        second_chance.form, "evidence", lambda problem, base, names, large: dict.fromkeys(names, evidence)
+    way = second_chance.IN_ANY_FORM._replace(
+        evidence=lambda problem, base, names, large: dict.fromkeys(names, evidence)
     )
+    monkeypatch.setattr(second_chance, "IN_ANY_FORM", way)
     results = {"Projection": None, "weighed": [(80.0, None, None)]}
     results["accepted"] = replace(step, accepted="extra_foot_mass")
     for name, result in results.items():

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What larger effects kept out: asked for in their silence, beside any form, in place of details."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from pam_orthosis.discrepancy.fitting import refit
+from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.fitting.projection import Projection
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.search import form, quiet, selection
@@ -15,9 +17,6 @@ from pam_orthosis.discrepancy.systems.system import Values
 from pam_orthosis.model.parameters import Section
 from pam_orthosis.progress import Progress
 
-ASKED_IN_SILENCE = 3
-ASKED_IN_ANY_FORM = 6
-SURE = 2.0  # times the threshold: what an effect needs beside a larger one whose form is free
 ALIKE = 0.5  # of an effect's gain that another one had in its place
 BOTH = 2e-3  # of an effect's evidence, that one like it needs beside it and its details
 CLEANER = 0.6  # of the power density that was left, with an effect in place of another's details
@@ -27,31 +26,83 @@ def or_in_silence(
     found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
 ) -> Step:
     """Return the step with what larger effects kept from being added, where it is better; note the other."""
-    other = _round_in_silence(found, held_out, step, settings, progress)
-    if step.accepted and not other.accepted:
+    return _or_apart(found, held_out, step, IN_SILENCE, (settings, progress))
+
+
+def or_in_any_form(
+    found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
+) -> Step:
+    """Return the step with what larger effects kept out and none of their forms does, where it is better."""
+    return _or_apart(found, held_out, step, IN_ANY_FORM, (settings, progress))
+
+
+class _Way(NamedTuple):
+    """A way to see an effect apart from larger ones.
+
+    Attributes:
+        evidence: of effects beside a model, given the larger ones.
+        possible: whether an effect can be seen so.
+        sure: times the threshold, that it needs.
+        asked: effects that are asked for, the most evident ones.
+        where: words, to which the larger effects are added.
+    """
+
+    evidence: Callable[[Problem, Fit, Sequence[str], Collection[str]], Values]
+    possible: Callable[[Selection, str, Collection[str]], bool]
+    sure: float
+    asked: int
+    where: str
+
+
+def _has_form(found: Selection, name: str, large: Collection[str]) -> bool:
+    """Return whether larger effects may have another form, and an effect does not pass for them.
+
+    What is left of an effect that chance decides has no form, and a shape correction is none.
+    """
+    system = found.problem.system
+    return not any(
+        system.catalogue[other].held
+        or other in system.shapes
+        or selection.likeness(found, other, name) > ALIKE
+        for other in large
+    )
+
+
+IN_SILENCE = _Way(quiet.evidence, lambda *_: True, 1.0, 3, "without")
+IN_ANY_FORM = _Way(form.evidence, _has_form, 2.0, 6, "beside any form of")
+
+
+def _or_apart(
+    found: Selection, held_out: Problem, step: Step, way: _Way, told: tuple[Section, Progress]
+) -> Step:
+    other = _round_apart(found, held_out, step, way, told)
+    if not other.accepted:
         return step
-    reason = f"{other.accepted} has more evidence where larger effects are silent"
+    reason = f"{other.accepted} has more evidence {way.where} larger effects"
     found.steps.append(replace(step, accepted=None, reason=reason) if step.accepted else step)
-    return other if other.accepted else replace(other, blocked=step.blocked)
+    return other
 
 
-def _round_in_silence(
-    found: Selection, held_out: Problem, last: Step, settings: Section, progress: Progress
+def _round_apart(
+    found: Selection, held_out: Problem, last: Step, way: _Way, told: tuple[Section, Progress]
 ) -> Step:
     """Return the step with the best of the effects that only larger ones kept from being added.
 
-    It needs its evidence where these are silent, and more there than what was accepted beside them.
+    It needs its evidence apart from these, and more there than what was accepted beside them.
     """
-    problem, base = found.final_problem, found.final
+    problem, base, (settings, progress) = found.final_problem, found.final, told
     seen: dict[str, float] = {}
-    for large, names in _by_larger(found, last.blocked[:ASKED_IN_SILENCE], settings).items():
-        progress(f"looking for {', '.join(names)} where {', '.join(sorted(large))} is inactive")
+    for large, names in _by_larger(found, last.blocked[: way.asked], settings).items():
+        possible = [name for name in names if way.possible(found, name, large)]
+        if not possible:
+            continue
+        progress(f"looking for {', '.join(possible)} {way.where} {', '.join(sorted(large))}")
         others = [last.accepted] if last.accepted else []
-        shown = quiet.evidence(problem, base, [*names, *others], large)
-        seen |= {name: shown[name] for name in names if shown.get(name, 0.0) > _most(shown, others)}
+        shown = way.evidence(problem, base, [*possible, *others], large)
+        seen |= {name: shown[name] for name in possible if shown.get(name, 0.0) > _most(shown, others)}
     ranked = tuple(sorted(seen.items(), key=lambda one: -one[1]))
-    if not ranked or ranked[0][1] < settings.threshold:
-        return Step(None, None, None, 0.0, 0.0, ranked, "nothing shows where the larger effects are silent")
+    if not ranked or ranked[0][1] < way.sure * settings.threshold:
+        return Step(None, None, None, 0.0, 0.0, ranked, f"nothing shows {way.where} larger effects")
     name = ranked[0][0]
     model = refit.refitted(problem, base, quiet.beside(Projection(problem, base), name), progress)
     able = [
@@ -65,45 +116,6 @@ def _round_in_silence(
     if step.accepted:
         found.apart[name] = selection.larger(found, name, settings)
     return step
-
-
-def or_in_any_form(
-    found: Selection, held_out: Problem, step: Step, settings: Section, progress: Progress
-) -> Step:
-    """Return the step with an effect that larger ones kept out, where it shows whatever their form is.
-
-    It is none that would pass for the larger one. No form is known of what chance decides, and a shape
-    correction has none of its own.
-    """
-    problem, base = found.final_problem, found.final
-    seen: dict[str, float] = {}
-    for large, names in _by_larger(found, step.blocked[:ASKED_IN_ANY_FORM], settings).items():
-        if unlike := [name for name in names if _has_form(found, name, large)]:
-            progress(f"looking for {', '.join(unlike)} beside any form of {', '.join(sorted(large))}")
-            seen |= form.evidence(problem, base, unlike, large)
-    ranked = tuple(sorted(seen.items(), key=lambda one: -one[1]))
-    if not ranked or ranked[0][1] < SURE * settings.threshold:
-        return step
-    name = ranked[0][0]
-    model = refit.refitted(problem, base, quiet.beside(Projection(problem, base), name), progress)
-    able = [
-        one for one in weighed(problem, base, [model]) if one[0] >= selection.least(found, name, settings)
-    ]
-    other = accepted(problem, base, held_out, able, ranked, {name: ranked[0][1]}) if able else step
-    if able and other.accepted:
-        found.steps.append(step)
-        found.apart[name] = selection.larger(found, name, settings)
-        return other
-    return step
-
-
-def _has_form(found: Selection, name: str, large: Collection[str]) -> bool:
-    """Return whether larger effects may have another form, and an effect does not pass for them."""
-    system = found.problem.system
-    return not any(
-        system.catalogue[other].held or other in system.shapes or found.alike[other].get(name, 0.0) > ALIKE
-        for other in large
-    )
 
 
 def _most(evidence: Values, names: Sequence[str]) -> float:

@@ -67,7 +67,7 @@ def extended(
         step = _round(found, held_out, settings, progress)
         if step.blocked:
             step = or_in_silence(found, held_out, step, settings, progress)
-        if step.accepted is None and step.blocked:
+        if step.blocked:
             step = or_in_any_form(found, held_out, step, settings, progress)
         if step.accepted is None:
             step = or_for_details(found, held_out, step, settings, progress)
@@ -97,7 +97,7 @@ def _added(found: Selection, step: Step, progress: Progress) -> bool:
         found.forget(name)
     for name in set(step.fit.effects) - set(found.evidence):
         found.evidence[name] = found.entered[name] = step.evidence
-        found.alike[name] = _alike(step)
+        found.alike[name], found.fitted[name] = _alike(step), _fitted(step)
     found.final_problem, found.final = at_best_level(
         *with_details(step.problem, step.fit, found.final, progress)
     )
@@ -160,6 +160,13 @@ def _alike(step: Step) -> dict[str, float]:
     """Return by how much of what an effect has gained the other candidates would have."""
     own = step.gains[str(step.accepted)]
     return {name: gain / own for name, gain in step.gains.items()}
+
+
+def _fitted(step: Step) -> dict[str, float]:
+    """Return which share of the evidence of what was accepted the other candidates had."""
+    known = dict(step.ranked)
+    own = max(known.get(str(step.accepted), 0.0), step.evidence)
+    return {name: max(evidence, 0.0) / own for name, evidence in known.items()}
 
 
 def short_of(name: str, evidence: float, threshold: float) -> str:

@@ -48,6 +48,7 @@ class Selection:
         evidence: effect -> difference of BIC when it alone is taken away (or was added).
         entered: effect -> the same when it was added.
         alike: effect -> other one -> share of its gain that the other one had where it was added.
+        fitted: effect -> other one -> share of its evidence that the other one had there, fitted too.
         apart: effect -> others, larger ones, in whose silence it was seen too.
         both: effect -> other one that does as well in place of its details -> parameters with both.
         dropped: effects that had enough evidence before others were added.
@@ -62,6 +63,7 @@ class Selection:
     evidence: dict[str, float] = field(default_factory=dict)
     entered: dict[str, float] = field(default_factory=dict)
     alike: dict[str, Values] = field(default_factory=dict)
+    fitted: dict[str, Values] = field(default_factory=dict)
     apart: dict[str, frozenset[str]] = field(default_factory=dict)
     both: dict[str, dict[str, Values]] = field(default_factory=dict)
     dropped: list[str] = field(default_factory=list)
@@ -69,7 +71,7 @@ class Selection:
 
     def forget(self, name: str) -> None:
         """Drop what is known of an effect that is no longer there."""
-        for known in (self.evidence, self.entered, self.alike, self.apart):
+        for known in (self.evidence, self.entered, self.alike, self.fitted, self.apart):
             known.pop(name, None)
 
 
@@ -136,6 +138,15 @@ def _share(found: Selection, other: str, name: str, settings: Section) -> float:
     """Return the share of another effect's evidence that an effect needs beside it."""
     alike = 1.0 if _by_chance(found, other) else min(1.0, found.alike[other].get(name, 0.0))
     return float(max(settings.least_share, settings.share * alike))
+
+
+def likeness(found: Selection, other: str, name: str) -> float:
+    """Return the share of what a larger effect explained that another one would have, at most.
+
+    A gain is a promise, to first order; where the other one was fitted too, its evidence is known.
+    """
+    promised = found.alike[other].get(name, 0.0)
+    return min(promised, found.fitted.get(other, {}).get(name, promised))
 
 
 def larger(found: Selection, name: str, settings: Section) -> frozenset[str]:
