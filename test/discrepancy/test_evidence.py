@@ -130,6 +130,7 @@ def judged(monkeypatch, models, strained=False, silent=False, due=100.0, fall=0.
     monkeypatch.setattr(acceptance, "confirmed", lambda *args: seen[args[-1].effects[-1]])
     monkeypatch.setattr(acceptance, "is_visible", lambda *_: not strained)
     monkeypatch.setattr(acceptance, "leaves_noise_alone", lambda *_: silent)
+    monkeypatch.setattr(acceptance, "is_rounding", lambda *_: False)
     size = Quantity("size", 1.0, "kg/(s Pa)", 0.0, 1e3, "of the leak", 0.0)
     effect = Effect("leak", "gas", (size,), lambda *_: Contribution({}), "", "", minimum_effect=1.0)
     weighted = SimpleNamespace(weights={}, weighted=lambda _: None)

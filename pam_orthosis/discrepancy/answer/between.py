@@ -7,12 +7,16 @@ What is wrong by half a row is small beside a gap, and large beside the interval
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pam_orthosis.discrepancy.fitting.fit import fit, fit_tempered, score
+import numpy as np
+
+from pam_orthosis.discrepancy.fitting.fit import Fit, fit, fit_tempered, score
 from pam_orthosis.discrepancy.fitting.refit import recalibrated
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
+from pam_orthosis.discrepancy.replay.whitening import stated
 from pam_orthosis.discrepancy.search.confirmation import EMPTY
+from pam_orthosis.discrepancy.search.filtered import noise_squares
 from pam_orthosis.discrepancy.search.selection import Selection, Step
 from pam_orthosis.discrepancy.systems.implied import LAG, SOURCE, is_zero
 from pam_orthosis.discrepancy.systems.system import Names, System
@@ -71,20 +75,29 @@ def _between_rows(found: Selection, settings: Section) -> list[str]:
 
     The voltages of machines are known to be held: they come from a control loop.
     """
-    problem, final = found.final_problem, found.final
-    before, remarks = score(problem, final), []
+    problem, final, remarks = found.final_problem, found.final, []
+    noisy = bool(stated(problem.system))
+    fitted = fit(problem, final.effects, final.values, final.free, most=STEPS) if noisy else final
+    before = score(problem, fitted)
     late = {problem.system.catalogue[name].late_of for name in final.effects}
     for name in (
         one for one in _declared(problem.system) if one not in late
     ):  # of one it is known but roughly
         other = _otherwise(problem, (name,), settings.replay.cross_cutoff)
         evidence = before - score(other, fit(other, final.effects, final.values, final.free, most=STEPS))
+        evidence -= _filtered(problem, other, final) if noisy and evidence > 0 else 0.0
         if evidence > settings.evidence.threshold:
             left, _ = fit_tempered(other, final.effects, final.values, final.free)
             surely = _excess(left) < max(FEW, SHARE * _excess(problem))
             rest = "values and intervals are off until it is right" if surely else UNSURE
             remarks.append(f"{_words(problem.system, (name,))} (evidence {evidence:.0f}); {rest}")
     return remarks
+
+
+def _filtered(problem: Problem, other: Problem, model: Fit) -> float:
+    """Return what a straight line between readings lets less through of their noise than steps do."""
+    before, after = (noise_squares(one, model) for one in (problem, other))
+    return sum(float(np.sum(row - after[name])) for name, row in before.items())
 
 
 def declared_otherwise(found: Selection, settings: Section) -> str:

@@ -19,7 +19,7 @@ from pam_orthosis.discrepancy.recordings.stamps import Found, clearly_off, remar
 from pam_orthosis.discrepancy.replay.problem import Problem, Scored
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
-from pam_orthosis.discrepancy.replay.whitening import Whitener, noise_levels, noise_whitener
+from pam_orthosis.discrepancy.replay.whitening import Whitener, noise_levels, noise_whitener, stated
 from pam_orthosis.discrepancy.systems.system import Equation, Names, System, Values
 from pam_orthosis.errors import OrthosisError
 from pam_orthosis.model.parameters import Section
@@ -127,6 +127,10 @@ def begin(
     cutoff = settings.replay.cross_cutoff
     problem, judge, moved = aligned(problem, null, judge, cutoff)
     mistake = mistake_words(judge, cutoff)
+    if stated(system) and measure.gap(judge, null).white[measure.OVERALL] < 1 + measure.LEAST_EXCESS:
+        skews = [
+            (one, ()) for one, _ in skews
+        ]  # readings between rows have less noise, as if stamps were off
     stamps = [] if mistake else remarks_on(whole, skews)  # a mistake may look like stamps that are off
     against = "" if mistake else against_words(judge)
     remarks += [mistake] if mistake else stamps

@@ -55,7 +55,7 @@ class Run:
         self.recording, self.period = recording, recording.period
         self.serial = next(_SERIAL)
         noise = noise or {}
-        self._system = system
+        self._system, self._cutoff = system, cutoff
         self._raw = {key: value + noise.get(key, 0.0) for key, value in recording.signals.items()}
         self._smooth = {
             channel.name: smoothed(self._raw[channel.name], self.period, cutoff)
@@ -63,6 +63,10 @@ class Run:
         }
         self._splines: dict[str, CubicSpline] = {}
         self._inputs = {name: self._raw.get(name, np.zeros(recording.samples)) for name in system.inputs}
+
+    def noisy(self, noise: Noise) -> Run:
+        """Return the same run with noise added."""
+        return Run(self._system, self.recording, self._cutoff, noise)
 
     def data(self, own: Names, shift: Shift = UNSHIFTED) -> np.ndarray:
         """Return the rows `z` of a kernel, by the clock of its own channels."""

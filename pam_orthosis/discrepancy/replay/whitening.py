@@ -15,7 +15,7 @@ from scipy.signal import welch
 
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.replay.run import Run
-from pam_orthosis.discrepancy.systems.system import Values
+from pam_orthosis.discrepancy.systems.system import System, Values
 
 DRAWS = 5
 NEIGHBOURS = 5  # frequencies that are averaged above the lowest ones
@@ -81,8 +81,7 @@ def noise_whitener(
     rng, values = np.random.default_rng(seed), replay.defaults(())
     spectra: dict[str, list[np.ndarray]] = {}
     for _ in range(DRAWS):
-        added = {key: sd * rng.standard_normal(run.recording.samples) for key, sd in noise.items()}
-        noisy = Run(replay.system, run.recording, cutoff, added)
+        noisy = Run(replay.system, run.recording, cutoff, drawn(rng, replay.system, run, noise))
         for equation in replay.system.equations:
             change = replay.residuals(noisy, equation, (), values)
             change = change - replay.residuals(run, equation, (), values)
@@ -95,6 +94,24 @@ def noise_whitener(
         for channel, density in mean.items()
     }
     return Whitener({channel: minimum_phase(_smooth(density)) for channel, density in mean.items()}), floor
+
+
+def drawn(rng: np.random.Generator, system: System, run: Run, noise: Values) -> dict[str, np.ndarray]:
+    """Return samples of noise, channel or input -> (n,), of given standard deviations.
+
+    That of an input that is read, and said to have noise, stays as long as the reading: rounding is no white
+    noise while an input rests.
+    """
+    samples = {key: sd * rng.standard_normal(run.recording.samples) for key, sd in noise.items()}
+    for name in {*stated(system)} & {*samples} & {*run.recording.signals}:
+        changes = np.diff(run.recording.signals[name], prepend=np.nan) != 0
+        samples[name] = samples[name][changes][np.cumsum(changes) - 1]
+    return samples
+
+
+def stated(system: System) -> dict[str, float]:
+    """Return the noise (sd) of the inputs of which a user says that they have some."""
+    return {name: sd for name, sd in system.input_noise.items() if sd}
 
 
 def _density(values: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.search.confirmation import (
     least_size,
     leaves_noise_alone,
 )
+from pam_orthosis.discrepancy.search.filtered import is_rounding
 from pam_orthosis.discrepancy.search.selection import Ranking, Step
 from pam_orthosis.discrepancy.systems.system import System, Values
 
@@ -40,12 +41,15 @@ def accepted(
     refused = []
     for evidence, weighted, model in able:
         name, closes = model.effects[-1], 0.0
-        seen = confirmed(problem.weighted(weighted.weights), held_out.weighted(weighted.weights), base, model)
+        fitted = problem.weighted(weighted.weights)
+        seen = confirmed(fitted, held_out.weighted(weighted.weights), base, model)
         if is_too_small(problem.system, name, model):
             reason = f"{name} is smaller than what is worth a name ({least_size(problem.system, name)})"
+        elif is_visible(problem, base, model) and is_rounding(fitted, base, model):
+            reason = f"{name} is smaller than what the steps of the inputs' readings may look like"
         elif empty := emptied(problem.system, name, model):
             reason = f"{name} {EMPTY}: {at_values(problem.system, model, empty)}"
-            closes = _closed(problem.weighted(weighted.weights), base, model)
+            closes = _closed(fitted, base, model)
         elif is_slow(problem, name, model):
             reason = f"{name} {SLOW}: {at_values(problem.system, model, [_size(problem.system, name)])}"
         elif seen.shows or _is_known(problem, base, (evidence, weighted, model), seen):

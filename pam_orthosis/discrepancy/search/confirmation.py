@@ -10,6 +10,8 @@ import numpy as np
 from pam_orthosis.discrepancy.fitting.candidates import Candidate
 from pam_orthosis.discrepancy.fitting.fit import Fit, fit, prior_cost, score
 from pam_orthosis.discrepancy.replay.problem import Problem
+from pam_orthosis.discrepancy.replay.whitening import stated
+from pam_orthosis.discrepancy.search.filtered import noise_squares
 from pam_orthosis.discrepancy.systems.implied import is_lag
 from pam_orthosis.discrepancy.systems.system import Equation, System
 
@@ -94,8 +96,17 @@ class Seen(NamedTuple):
 
 
 def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -> Seen:
-    """Return how recordings that were not fitted see a larger model."""
+    """Return how recordings that were not fitted see a larger model.
+
+    What it filters of the noise with which inputs were read shows nothing: it does not count. Nor does the
+    transfer then: noise is filtered in every recording.
+    """
     (unseen, due), (seen, _) = (_falls(problem, smaller, larger) for problem in (held_out, training))
+    if stated(held_out.system):
+        before, after = (noise_squares(held_out, model) for model in (smaller, larger))
+        for one in held_out.system.equations:
+            unseen = unseen - block_sums(held_out, one, before[one.name] - after[one.name])
+        return Seen(t_value(unseen), 0.0, float(unseen.sum()), due)
     transfer = float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
     return Seen(t_value(unseen), transfer, float(unseen.sum()), due)
 
