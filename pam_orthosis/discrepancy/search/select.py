@@ -17,6 +17,7 @@ from pam_orthosis.discrepancy.fitting.refit import (
     refitted,
     with_details,
 )
+from pam_orthosis.discrepancy.fitting.unbiased import unbiased
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
 from pam_orthosis.discrepancy.search import selection
@@ -83,7 +84,9 @@ def extended(
             _added(found, other, progress)
     make_plain(found, progress)
     eliminate_weak(found, settings, progress)
-    found.final = refit.estimated(problem.system, found.final)
+    alone = found.final is found.null
+    found.final = refit.estimated(problem.system, unbiased(found.final_problem, found.final))
+    found.null = found.final if alone else found.null
     return found
 
 
