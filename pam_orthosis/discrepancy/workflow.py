@@ -12,6 +12,7 @@ from pam_orthosis.discrepancy.answer.patch import DESCRIBED
 from pam_orthosis.discrepancy.answer.ratios import of_ratios
 from pam_orthosis.discrepancy.answer.standing import standing
 from pam_orthosis.discrepancy.answer.unknown_words import short
+from pam_orthosis.discrepancy.answer.unstated import unstated_noise
 from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.preparation.beginning import Beginning, begin
 from pam_orthosis.discrepancy.preparation.clocks import is_periodic, on_one_clock
@@ -77,7 +78,10 @@ def _compared(start: Beginning, outcome: Outcome, cutoff: float) -> Outcome:
     if outcome.verdict in GOOD or start.mistaken:
         return outcome
     outcome = without_doubtful_stamps(start, outcome, cutoff)
-    return replace(outcome, remarks=(*outcome.remarks, *remarks_on_contradiction(start)))
+    found = outcome.selection
+    left = (found.final_problem, found.final) if outcome.effects else (found.problem, found.null)
+    rough = unstated_noise(*left) if outcome.verdict in OPEN else []
+    return replace(outcome, remarks=(*outcome.remarks, *remarks_on_contradiction(start), *rough))
 
 
 def _searched(start: Beginning, settings: Section, progress: Progress) -> Outcome:
