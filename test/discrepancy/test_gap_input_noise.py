@@ -106,6 +106,8 @@ def test_noise_of_a_reading_stays_while_the_reading_rests():
     assert [len(np.unique(part)) for part in np.split(noise["current"], (2, 5))] == [1, 1, 1]
     assert len(np.unique(noise["current"])) == 3
     assert len(np.unique(noise["position"])) == 6
+    fine = drawn(np.random.default_rng(0), system, run, {"current": 1.0})
+    assert len(np.unique(fine["current"])) == 6
 
 
 def test_a_lag_that_only_filters_noise_is_not_confirmed(start):

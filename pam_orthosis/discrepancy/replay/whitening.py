@@ -21,6 +21,7 @@ DRAWS = 5
 NEIGHBOURS = 5  # frequencies that are averaged above the lowest ones
 TAPS = 1024
 SEGMENT = 2048
+COARSE = 0.5  # of the step between readings: noise that does not cross it; that of rounding alone is 0.29
 
 
 class Whitener:
@@ -99,14 +100,22 @@ def noise_whitener(
 def drawn(rng: np.random.Generator, system: System, run: Run, noise: Values) -> dict[str, np.ndarray]:
     """Return samples of noise, channel or input -> (n,), of given standard deviations.
 
-    That of an input that is read, and said to have noise, stays as long as the reading: rounding is no white
-    noise while an input rests.
+    That of an input that is read in coarse steps stays as long as the reading: rounding is no white noise
+    while an input rests.
     """
     samples = {key: sd * rng.standard_normal(run.recording.samples) for key, sd in noise.items()}
     for name in {*stated(system)} & {*samples} & {*run.recording.signals}:
-        changes = np.diff(run.recording.signals[name], prepend=np.nan) != 0
-        samples[name] = samples[name][changes][np.cumsum(changes) - 1]
+        read = run.recording.signals[name]
+        if noise[name] < COARSE * step_of(read):
+            changes = np.diff(read, prepend=np.nan) != 0
+            samples[name] = samples[name][changes][np.cumsum(changes) - 1]
     return samples
+
+
+def step_of(read: np.ndarray) -> float:
+    """Return the step between readings; 0 if these are all alike."""
+    levels = np.unique(read)
+    return float(np.diff(levels).min()) if len(levels) > 1 else 0.0
 
 
 def stated(system: System) -> dict[str, float]:

@@ -11,7 +11,7 @@ from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.replay.noisy import forget, noise_of, with_noise
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.run import Run
-from pam_orthosis.discrepancy.replay.whitening import stated
+from pam_orthosis.discrepancy.replay.whitening import stated, step_of
 
 DRAWS = 4
 LOOKS_LIKE = 0.1  # of what inputs change that are off by half a step of their readings: an effect may look so
@@ -48,9 +48,5 @@ def _apart(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> float:
 
 def _half_steps(problem: Problem, run: Run) -> dict[str, np.ndarray]:
     """Return half the step between readings of each input that is said to have noise, for each sample."""
-    steps = {}
-    for name in {*stated(problem.system)} & {*run.recording.signals}:
-        levels = np.unique(run.recording.signals[name])
-        if len(levels) > 1:
-            steps[name] = np.full(run.recording.samples, 0.5 * float(np.diff(levels).min()))
-    return steps
+    read = {name: run.recording.signals.get(name) for name in stated(problem.system)}
+    return {name: np.full(len(row), 0.5 * step_of(row)) for name, row in read.items() if row is not None}
