@@ -19,6 +19,7 @@ from pam_orthosis.discrepancy.replay.whitening import drawn
 from pam_orthosis.discrepancy.search.confirmation import confirmed
 from pam_orthosis.discrepancy.search.filtered import is_rounding
 from pam_orthosis.discrepancy.search.selection import Selection
+from pam_orthosis.discrepancy.workflow import search
 from pam_orthosis.model.parameters import load
 
 PERIOD, SAMPLES, NOISE, STEP = 0.002, 8000, 0.05, 0.2  # s, A, A
@@ -149,3 +150,12 @@ def test_noise_of_an_input_that_is_not_stated_is_said(start):
     (remark,) = unstated_noise(untold.problem, untold.null)
     assert remark.startswith("current varies from row to row by 0.05")
     assert "write Input('current', 'A', noise=0.05) and search again" in remark
+
+
+def test_a_search_names_nothing_where_noise_is_stated_and_says_so_where_it_is_not(start):
+    known, untold = (search(one, load().gap) for one in (start, _start(0.0)))
+    assert (known.verdict, known.effects) == ("none", ())
+    assert abs(known.selection.final.values["mass"]) < 0.5 * abs(start.null.values["mass"])
+    assert untold.verdict == "unexplained"
+    assert any("may be why this is left" in one for one in untold.remarks)
+    assert not any("may be why this is left" in one for one in known.remarks)
