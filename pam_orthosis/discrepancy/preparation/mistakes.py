@@ -22,7 +22,7 @@ Signals = Mapping[str, np.ndarray]
 CHECK = "CHECK THE RECORDINGS"
 SUSPECT, BETTER = 20.0, 4.0  # times the noise that most mistakes leave; the factor by which mending helps
 ALIKE = 1.1  # times what the best mending leaves: as good, as of an input and of what alone it drives
-HEADED = 3.0  # the same of a unit that a column names: it is off by a known factor
+KNOWN, CLEAR = 10.0, 2.5  # the same of a zero or unit of signals that is off by a known amount, not any one
 MOST_TURNED = 2 * np.pi  # rad, by joints
 SLOW = 8.0  # Hz, below which what drives a motion is looked at
 CREEP = 0.1  # of the usual velocity, below which the direction of a motion is uncertain
@@ -37,15 +37,15 @@ def mistake_words(held_out: Problem, cutoff: float) -> str:
     own = _gap(held_out)
     recorded = [one.run.recording.signals for one in held_out.scored]
     mistakes = [*_of_load_cells(held_out.system, recorded)]
-    headed: list[tuple[str, list[Signals]]] = []
+    known = [*_of_known_size(held_out.system, recorded)] if own >= KNOWN else []
+    mistakes += known
     if own >= SUSPECT:
-        headed = [*_of_absolute(held_out.system, recorded), *_of_degrees(held_out.system, recorded)]
-        mistakes += [*_mistakes(held_out.system, recorded), *headed]
+        mistakes += _mistakes(held_out.system, recorded)
     elif own < BETTER:
         return ""
     fits = {words: _fit(held_out, changed, cutoff) for words, changed in mistakes}
     words = min(fits, key=lambda one: fits[one], default="")
-    asked = HEADED if words in dict(headed) else BETTER
+    asked = CLEAR if words in dict(known) else BETTER
     if not words or not fits[words] * asked <= own:
         return ""
     others = [one for one in fits if one != words and fits[one] < ALIKE * fits[words]]
@@ -107,14 +107,30 @@ def _turned(name: str, recorded: list[Signals]) -> tuple[str, list[Signals]]:
     return asked, [{name: -signals[name]} for signals in recorded]
 
 
-def _mistakes(system: System, recorded: list[Signals]) -> Iterator[tuple[str, list[Signals]]]:
-    """Yield each other mistake that there may be, and the signals of the recordings without it."""
-    pressures = [one.name for one in system.channels if system.is_absolute(one.name)]
-    voltages = [name for name in system.inputs if system.unit(name) == "V"]
+def _of_known_size(system: System, recorded: list[Signals]) -> Iterator[tuple[str, list[Signals]]]:
+    """Yield mistakes that are off by a known amount, and the signals of the recordings without them."""
+    yield from _of_gauge(system, recorded)
+    yield from _of_absolute(system, recorded)
+    yield from _of_degrees(system, recorded)
+
+
+def _of_gauge(system: System, recorded: list[Signals]) -> Iterator[tuple[str, list[Signals]]]:
+    """Yield that pressures, all or one, count from the ambient one."""
+    pressures = _pressures(system)
     for gauge in dict.fromkeys([tuple(pressures), *((name,) for name in pressures)] if pressures else ()):
         added = f"with {system.ambient / 1e5:.3f} bar added to {' and '.join(gauge)}"
         asked = f"{added}: gauge, it seems, where absolute pressure is needed"
         yield asked, [{name: signals[name] + system.ambient for name in gauge} for signals in recorded]
+
+
+def _pressures(system: System) -> list[str]:
+    return [one.name for one in system.channels if system.is_absolute(one.name)]
+
+
+def _mistakes(system: System, recorded: list[Signals]) -> Iterator[tuple[str, list[Signals]]]:
+    """Yield each other mistake that there may be, and the signals of the recordings without it."""
+    pressures = _pressures(system)
+    voltages = [name for name in system.inputs if system.unit(name) == "V"]
     signed = [name for name in _signed(system) if all(name in signals for signals in recorded)]
     yield from (_turned(name, recorded) for name in signed)
     pairs = [names for names in (pressures, voltages) if len(names) == 2]
@@ -144,7 +160,7 @@ def _signed(system: System) -> list[str]:
 
 def _of_absolute(system: System, recorded: list[Signals]) -> Iterator[tuple[str, list[Signals]]]:
     """Yield that pressures count from vacuum already, if they can."""
-    pressures = [one.name for one in system.channels if system.is_absolute(one.name)]
+    pressures = _pressures(system)
     least = LEAST_SHARE * system.ambient
     mended: list[Signals] = [{name: one[name] - system.ambient for name in pressures} for one in recorded]
     if pressures and min(float(values.min()) for one in mended for values in one.values()) > least:
