@@ -7,7 +7,9 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -128,20 +130,48 @@ def test_a_coordinate_that_moves_against_all_forces_is_said(machine, tmp_path, m
     assert not against_words(start.held_out), "a model that brakes too much lacks a drive, and none is there"
 
 
-@pytest.mark.parametrize(("second", "said"), [(-0.03, False), (0.03, True)])
-def test_muscles_that_all_pull_one_way_are_said(tmp_path, second, said):
+def elbow(folder, second=-0.03, first="biceps"):
     muscle = "{kind: muscle, parameters: muscle.dmsp_20, transmission: {arm: %g, contraction: %g}}"
-    (tmp_path / "elbow.yaml").write_text(
+    (folder / "elbow.yaml").write_text(
         "meaning: elbow\n"
         "mechanism: {kind: rotation, inertia: 0.15, minimum: -1.2, maximum: 2.8, start: 0.8}\n"
         "sensor: {noise: 3.0e-4}\n"
-        f"actuators:\n  biceps: {muscle % (0.03, 0.03)}\n  triceps: {muscle % (second, 0.09)}\n",
+        f"actuators:\n  {first}: {muscle % (0.03, 0.03)}\n  triceps: {muscle % (second, 0.09)}\n",
         encoding="utf-8",
     )
-    own = read_machine(tmp_path / "elbow.yaml")
+    return read_machine(folder / "elbow.yaml")
+
+
+@pytest.mark.parametrize(("second", "said"), [(-0.03, False), (0.03, True)])
+def test_muscles_that_all_pull_one_way_are_said(tmp_path, second, said):
+    own = elbow(tmp_path, second)
     remarks = check.pulling_alike(declared_machine(own, load(machine=own)))
     assert len(remarks) == said
     assert all("machine.triceps.transmission.arm (0.03) have the same sign" in one for one in remarks)
+
+
+@pytest.mark.parametrize(
+    ("own", "mended", "said"), [(19.5, 5.25, True), (19.5, 8.0, False), (9.0, 1.0, False), (23.0, 6.8, True)]
+)
+def test_gauge_pressures_are_said_where_tolerances_leave_much(machine, monkeypatch, own, mended, said):
+    """What mending leaves is what parameters are off by, within their tolerances: a few times the noise."""
+    _, declared = machine
+    system = declared_machine(declared, load(machine=declared))
+    held_out = SimpleNamespace(system=system, scored=[])
+    monkeypatch.setattr(mistakes, "_gap", lambda _: own)
+    both = {f"{name}_pressure" for name in ("push", "pull")}
+
+    def fit(_held_out, changed, _cutoff):
+        return mended if {*changed[0]} == both and np.min([*changed[0].values()]) > 3e5 else np.inf
+
+    monkeypatch.setattr(mistakes, "_fit", fit)
+    signals = {name: np.full(9, 2.5e5) for name in (*both, "position")}
+    held_out.scored = [SimpleNamespace(run=SimpleNamespace(recording=SimpleNamespace(signals=signals)))]
+    words = mistakes.mistake_words(held_out, 8.0)
+    asked = (
+        "with 1.013 bar added to push_pressure and pull_pressure: gauge, it seems, where absolute pressure"
+    )
+    assert (asked in words) == bool(words) == said
 
 
 def test_units_that_columns_name_may_be_wrong(machine):
@@ -192,11 +222,28 @@ def test_the_damping_of_each_actuator_is_recalibrated(tmp_path, machine_files):
     slide, elbow = (read_machine(one) for one in (tmp_path / "own.yaml", machine_files["elbow"]))
     of_slide, of_elbow = (declared_machine(one, load(machine=one)) for one in (slide, elbow))
     assert {"damping", "pull_damping"} == {n.name for n in of_slide.calibrations if "damping" in n.name}
-    assert {"damping", "dmsp_20_damping"} == {n.name for n in of_elbow.calibrations if "damping" in n.name}
+    each = {"damping", "biceps_damping", "triceps_damping"}
+    assert each == {n.name for n in of_elbow.calibrations if "damping" in n.name}
     check_system(of_slide)
     assembled = {f"machine.{name}.transmission.contraction" for name in ("biceps", "triceps")}
     assert assembled < set(of_elbow.wrong.values())
     assert not any("contraction" in what for what in of_slide.wrong.values())
+
+
+@pytest.mark.parametrize("first", ["biceps", "muscle"])  # knees call the damping of both muscle_damping
+def test_muscles_of_one_kind_are_damped_each_by_itself(tmp_path, first):
+    own = elbow(tmp_path, first=first)
+    parts = declared_machine(own, load(machine=own)).assemble(())
+    torque = parts.rates[parts.states.index("velocity")]
+    slopes = ca.Function(
+        "slopes", [parts.x, parts.u, parts.time, parts.theta], [ca.gradient(torque, parts.theta)]
+    )
+    for pulls, slack in ((first, "triceps"), ("triceps", first)):
+        at = {"angle": 0.8, "velocity": 0.5, f"{pulls}_pressure": 4e5, f"{slack}_pressure": 1.02e5}
+        found = slopes([at[name] for name in parts.states], [5.0, 5.0], 0.0, [0.0] * len(parts.parameters))
+        moves = dict(zip(parts.parameters, np.ravel(found.full()), strict=True))
+        assert abs(moves[f"{pulls}_damping"]) > 0.1
+        assert moves[f"{slack}_damping"] == 0
 
 
 def test_a_machine_of_one_actuator_is_searched(tmp_path):

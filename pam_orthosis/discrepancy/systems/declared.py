@@ -69,12 +69,15 @@ def coupled_joint(
 
 
 def _view(machine: Machine, nominal: Parameters) -> View:
+    own: dict[str, tuple[str, ...]]
     own = {name: (f"{machine.parameters}.{name}",) for name in ("inertia", "damping", "weight")}
-    own |= {name: (key,) for name, key in _dampings(machine).items()}
+    damped = _damped(machine, nominal)
+    own |= {f"{name}_damping": () for name in damped}  # no row of all actuators of that kind
     return replace(
         graph_view(machine, nominal),
         calibrations=from_rows(nominal, *_tolerances(machine, nominal)),
         multiplied={**DEVIATIONS, **own},
+        damped=damped,
         suspects={**each(*VALVE), **_suspects(machine, nominal)},
         usual=False,
         sources=_sources(machine),
@@ -96,10 +99,15 @@ def _suspects(machine: Machine, nominal: Parameters) -> Suspects:
     return {**found, **({ARMS: arms} if turns and len(arms) > 1 else {})}
 
 
-def _dampings(machine: Machine) -> dict[str, str]:
-    """Return the key of the damping of each kind of muscle and cylinder, by the name of its deviation."""
-    keys = (f"{one.parameters}.{DAMPING[one.kind]}" for one in machine.actuators)
-    return {f"{key.split('.')[1]}_damping": key for key in keys}
+def _damped(machine: Machine, nominal: Parameters) -> tuple[str, ...]:
+    """Return the actuators of a machine that is no leg which have a damping.
+
+    Each is off by itself: two muscles of one kind share what the nominal model says, not what is true.
+    """
+    if machine.parameters == "leg":
+        return ()
+    known = nominal.flat()
+    return tuple(one.name for one in machine.actuators if known[f"{one.parameters}.{DAMPING[one.kind]}"])
 
 
 def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], dict[str, str]]:
@@ -126,9 +134,8 @@ def _tolerances(machine: Machine, nominal: Parameters) -> tuple[dict[str, str], 
             add("damping", "tolerance.muscle_damping", "the damping, relative")
         if known[f"{machine.parameters}.weight"]:
             add("weight", "tolerance.moving_mass", "the weight, relative")
-        for name, key in _dampings(machine).items():
-            if known[key]:
-                add(name, "tolerance.muscle_damping", f"the {name.replace('_', ' ')}, relative")
+        for name in _damped(machine, nominal):
+            add(f"{name}_damping", "tolerance.muscle_damping", f"the {name}'s damping, relative")
     add_each("force", "the {}'s static force, relative")
     for name in GAS:
         add(name, f"tolerance.{name}", f"the {name.replace('_', ' ')}, relative")

@@ -258,9 +258,19 @@ class _Described:
             machine,
             mechanism,
             true.valve,
-            {one.name: _smooth(one.built(true), symbols[f"{one.name}_force"]) for one in machine.actuators},
+            {one.name: self._actuator(one.name, one.built(true), symbols) for one in machine.actuators},
             Section(machine.branch, self._effect_settings(effects, symbols)),
         )
+
+    def _actuator(self, name: str, nominal: Actuator, symbols: Symbols) -> Actuator:
+        """Return an actuator whose force, and damping if that is its own, are off.
+
+        At a leap of the force a fit would see no way down.
+        """
+        damping = nominal.damping
+        if name in self._view.damped:
+            damping *= 1 + symbols.get(f"{name}_damping", 0.0)
+        return replace(nominal.scaled(1 + symbols[f"{name}_force"]), damping=damping, onset=ONSET)
 
     def _effect_settings(self, effects: tuple[str, ...], symbols: Symbols) -> dict[str, Any]:
         """Return the settings of all effects: present ones, recalibrated, and those that are tried."""
@@ -274,11 +284,6 @@ class _Described:
             tried = {q.name: symbols[f"{name}.{q.name}"] for q in self._machine.catalogue[name].parameters}
             settings[name] = Section(f"{branch}.{name}", {"enabled": True, **tried})
         return settings
-
-
-def _smooth(actuator: Actuator, deviation: Expression) -> Actuator:
-    """Return an actuator whose force is off; at a leap a fit would see no way down."""
-    return replace(actuator.scaled(1 + deviation), onset=ONSET)
 
 
 def _deviations(effect: Effect) -> dict[str, str]:

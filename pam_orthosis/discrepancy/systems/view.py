@@ -32,6 +32,7 @@ class View:
         calibrations: parameters that may be off. `ACTUATOR_force` scales a static force,
             `ACTUATOR_closed_voltage` is added to a voltage, `STATE_offset` to what its sensor shows.
         multiplied: calibration -> keys of the parameters that it changes by a share.
+        damped: actuators whose damping is off by a share of its own, `ACTUATOR_damping`.
         gains: observer gains of coordinate and velocity, 1/s and 1/s^2.
         added: calibration -> key of the parameter to which it is added.
         stiff: steps follow the fastest state.
@@ -54,6 +55,7 @@ class View:
     multiplied: Mapping[str, tuple[str, ...]]
     gains: tuple[float, float]
     added: Mapping[str, str] = field(default_factory=dict)
+    damped: tuple[str, ...] = ()
     stiff: bool = True
     usual: bool = True
     learns: bool = True
