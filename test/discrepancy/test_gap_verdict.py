@@ -690,7 +690,16 @@ def test_what_stamps_seem_to_do_is_not_described(friction, monkeypatch):
     monkeypatch.setattr(workflow, "unknown", lambda *_: pytest.fail("it was described"))
     told = workflow.search(start, settings)
     assert told.verdict == "unexplained"
-    assert "as if extensor_voltage and flexor_voltage were stamped late" in describe(told).splitlines()[-1]
+    last = describe(told).splitlines()[-1]
+    assert "as if extensor_voltage and flexor_voltage were stamped late" in last
+    assert "; mend the stamps and search again" in last
+    assumed = replace(
+        told, remarks=("if the period is shorter than 20 ms, they are too old to drive the model",)
+    )
+    said = (
+        "; is the loop faster than they change, and are they too old? Give scenario.control_period, or mend"
+    )
+    assert said in describe(assumed).splitlines()[-1]
 
 
 @pytest.mark.parametrize("worn", [False, True])

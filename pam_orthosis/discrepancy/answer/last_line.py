@@ -17,6 +17,7 @@ from pam_orthosis.discrepancy.answer.judgement import (
 from pam_orthosis.discrepancy.answer.unknown_words import short, unannounced
 from pam_orthosis.discrepancy.fitting.measure import OVERALL, over_noise
 from pam_orthosis.discrepancy.fitting.structure import clean
+from pam_orthosis.discrepancy.recordings.data import TOO_OLD
 from pam_orthosis.discrepancy.search.confirmation import at_values
 from pam_orthosis.discrepancy.search.findings import Named
 from pam_orthosis.discrepancy.systems.system import System, Values
@@ -190,7 +191,11 @@ def _unexplained(outcome: Outcome, left: str, bent: str) -> str:
 def _of_stamps(outcome: Outcome, left: str) -> str:
     """Return that stamps are to be mended before anything else, if they are."""
     if late := stamped_late(outcome.system, outcome.steps):
-        return f"{late[0]}; mend the stamps and search again; {left}"
+        mend = "mend the stamps"
+        if any(TOO_OLD in one for one in outcome.remarks):
+            period = outcome.system.input_period
+            mend = f"is the loop faster than they change, and are they {TOO_OLD}? Give {period}, or {mend},"
+        return f"{late[0]}; {mend} and search again; {left}"
     if not outcome.skewed:
         return ""
     final = outcome.selection.final

@@ -24,6 +24,7 @@ HIGHEST_CUTOFF = 0.4  # of the sampling rate
 LONGEST_PERIOD = 0.5  # s, of samples: above it the time is in another unit
 RARELY = 1.1  # times the period in which inputs change: at it and above, samples are missing between
 LONGEST_LOOP = 0.05  # s: inputs that are held for longer are steps of an experiment
+TOO_OLD = "too old"  # in remarks: inputs whose values are from before the loop changed them
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,7 @@ def with_loop_of_table(one: Recording, system: System, changed: float, stated: b
         else f"{names}: the loop's period is assumed to be {1e3 * changed:.3g} ms"
     )
     remark = (
-        f"{told}; if it is shorter than {apart}, they are too old to drive the model: give"
+        f"{told}; if it is shorter than {apart}, they are {TOO_OLD} to drive the model: give"
         f" {system.input_period} by --model"
     )
     return replace(one, remarks=(*one.remarks, remark))
