@@ -230,6 +230,15 @@ def test_the_damping_of_each_actuator_is_recalibrated(tmp_path, machine_files):
     assert not any("contraction" in what for what in of_slide.wrong.values())
 
 
+def test_a_spring_of_a_machine_may_be_wrong(tmp_path):
+    text = SLIDE.replace("damping: 40.0", "damping: 40.0, stiffness: 900.0, rest: 0.1")
+    (tmp_path / "own.yaml").write_text(text, encoding="utf-8")
+    own = read_machine(tmp_path / "own.yaml")
+    system = declared_machine(own, load(machine=own))
+    check_system(system)
+    assert "machine.mechanism.stiffness" in system.wrong.values()
+
+
 @pytest.mark.parametrize("first", ["biceps", "muscle"])  # knees call the damping of both muscle_damping
 def test_muscles_of_one_kind_are_damped_each_by_itself(tmp_path, first):
     own = elbow(tmp_path, first=first)

@@ -89,7 +89,7 @@ def _suspects(machine: Machine, nominal: Parameters) -> Suspects:
     if machine.parameters == "leg":
         return each(*(MASSES if machine.kind == "ankle" else ()))
     values = nominal.flat()
-    loads = (f"{machine.parameters}.{name}" for name in ("inertia", "weight"))
+    loads = (f"{machine.parameters}.{name}" for name in ("inertia", "stiffness", "weight"))
     arms = tuple(f"{one.transmission}.arm" for one in machine.actuators)
     muscles = [f"{one.transmission}{ASSEMBLED}" for one in machine.actuators if one.kind == "muscle"]
     turns = machine.coordinate.unit == "rad" and all(values.get(key) for key in arms)
