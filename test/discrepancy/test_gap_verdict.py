@@ -251,6 +251,10 @@ def test_a_parameter_that_is_recalibrated_beyond_its_tolerance_is_said(friction)
         ranked, reason = (("joint_friction", evidence), ("creep", 3.0)), "held-out recordings are against it"
         steps = [replace(outcome.steps[0], ranked=ranked, reason=reason)]
         assert describe(replace(little, steps=steps)).splitlines()[-1].endswith(last)
+    ranked = (("valve_supply_pressure", 13.0), ("flexor_pressure_gain", 5.5), ("creep", 5.0))
+    steps = [replace(outcome.steps[0], ranked=ranked, reason=reason)]
+    either = f"is valve_supply_pressure (evidence 13, or flexor_pressure_gain 6): {reason}"
+    assert describe(replace(little, steps=steps)).splitlines()[-1].endswith(either)
     white = {**little.floor.white, "overall": 9 * little.floor.white["overall"]}
     large = replace(little.configured, white=white)
     last = describe(replace(little, configured=large)).splitlines()[-1]

@@ -634,6 +634,23 @@ def test_what_does_as_well_beside_an_effect_is_told_with_both_sizes(friction, be
     assert "muscle_hysteresis" not in findings._look_alikes(named, "joint_friction", settings)
 
 
+@pytest.mark.parametrize(
+    ("excess", "sensor", "alike"),
+    [
+        (0.06, 13.7, ("flexor_pressure_gain",)),
+        (0.06, 12.0, ()),
+        (1.0, 13.7, ()),  # what recalibration leaves tells them apart
+    ],
+)
+def test_a_sensor_may_be_what_a_wrong_parameter_does_where_tolerances_decide(bench, excess, sensor, alike):
+    ranked = (("valve_supply_pressure", 26.1), ("flexor_pressure_gain", sensor), ("valve_lag", 13.7))
+    step = SimpleNamespace(accepted="valve_supply_pressure", fit=None, ranked=ranked, evidence=26.1)
+    final = SimpleNamespace(effects=["valve_supply_pressure"])
+    problem = bench.problem.weighted({"torque": 1.0, "gas": (1 + excess) ** -0.5})
+    found = SimpleNamespace(final=final, steps=[step], problem=problem, both={})
+    assert findings._look_alikes(found, "valve_supply_pressure", bench.parameters.gap.evidence) == alike
+
+
 def test_an_effect_of_another_equation_is_no_look_alike(bench):
     ranked = (
         ("valve_delay", 400.0),

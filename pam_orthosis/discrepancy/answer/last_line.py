@@ -20,6 +20,7 @@ from pam_orthosis.discrepancy.fitting.structure import clean
 from pam_orthosis.discrepancy.recordings.data import TOO_OLD
 from pam_orthosis.discrepancy.search.confirmation import at_values
 from pam_orthosis.discrepancy.search.findings import Named
+from pam_orthosis.discrepancy.search.selection import Ranking
 from pam_orthosis.discrepancy.systems.system import System, Values
 
 MOST_RIVALS = 3  # of an effect
@@ -100,9 +101,20 @@ def _nearest(outcome: Outcome) -> str:
     """Return the best effect of the rounds after what is named, if it came near, and what it lacks."""
     steps, named = list(outcome.steps), {one.name for one in outcome.effects}
     last = max((k for k, step in enumerate(steps) if step.accepted in named), default=-1)
-    near = [(*one, step.reason) for step in steps[last + 1 :] for one in step.ranked[:1]]
-    best = max(near, key=lambda one: one[1], default=("", 0.0, ""))
-    return "; nearest to a name is {} (evidence {:.0f}): {}".format(*best) if best[1] >= NOTABLE else ""
+    near = [step for step in steps[last + 1 :] if step.ranked]
+    if not near or (best := max(near, key=lambda step: step.ranked[0][1])).ranked[0][1] < NOTABLE:
+        return ""
+    name, evidence = best.ranked[0]
+    sensors = _sensors_beside(outcome.system, name, best.ranked)
+    return f"; nearest to a name is {name} (evidence {evidence:.0f}{sensors}): {best.reason}"
+
+
+def _sensors_beside(system: System, name: str, ranked: Ranking) -> str:
+    """Return the sensors with evidence that is not much less than a wrong parameter's: it may be theirs."""
+    least = max(0.0, ranked[0][1] - NOTABLE)
+    others = {one: evidence for one, evidence in ranked if evidence > least} if name in system.wrong else {}
+    sensors = [one for one in others if system.catalogue[one].stage == "sensor"]
+    return "".join(f", or {one} {others[one]:.0f}" for one in sensors)
 
 
 def _none(outcome: Outcome) -> str:

@@ -14,6 +14,8 @@ from pam_orthosis.discrepancy.systems.system import Equation, System, Values
 from pam_orthosis.model.parameters import Section
 
 BLOCK = 1.0  # s
+OF_SENSOR = 0.5  # of a wrong parameter's evidence, that a sensor in its place may lack
+HIDDEN = 0.2  # power density over that of noise, less 1
 QUANTILE = 1.96  # two-sided 95 % of a normal distribution
 
 
@@ -169,16 +171,33 @@ def runner_up_of(found: Selection) -> tuple[str, float] | None:
 def _look_alikes(found: Selection, name: str, settings: Section) -> tuple[str, ...]:
     """Return the effects that were near in evidence when one was accepted, but for those that are named."""
     own, others = _round_of(found, name)
-    # the form of a wrong parameter is the model's own: it costs no evidence
-    share = 0.0 if name in found.problem.system.wrong else settings.ambiguous_share
-    near = max(settings.ambiguous, share * own)
-    alike = [other for other, evidence in others if own - evidence < near]
+    alike = [
+        other
+        for other, evidence in others
+        if own - evidence < max(settings.ambiguous, _share(found, name, other, settings) * own)
+    ]
     first = [
         *found.both.get(name, {}),
         *(_taken_by(found, name) if name in found.problem.system.shapes else ()),
     ]
     both = [other for other in first if other not in found.final.effects]
     return tuple(dict.fromkeys([*both, *alike]))
+
+
+def _share(found: Selection, name: str, other: str, settings: Section) -> float:
+    """Return the share of an effect's evidence by which another one that is no worse may be behind."""
+    system = found.problem.system
+    if name not in system.wrong:
+        return float(settings.ambiguous_share)
+    # the form of a wrong parameter is the model's own: it costs no evidence; that of a sensor may, and where
+    # recalibration leaves noise, tolerances alone decide between the two
+    return OF_SENSOR if system.catalogue[other].stage == "sensor" and _is_hidden(found, name) else 0.0
+
+
+def _is_hidden(found: Selection, name: str) -> bool:
+    """Return whether recalibration alone leaves hardly more than noise where an effect acts."""
+    weights = (found.problem.weights[one] for one in found.problem.replay.touched(name))
+    return all(1 / weight**2 - 1 < HIDDEN for weight in weights)
 
 
 def _taken_by(found: Selection, shape: str) -> list[str]:
