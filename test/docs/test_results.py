@@ -74,15 +74,29 @@ def test_conclusions_say_what_the_results_say(monkeypatch):
 def test_what_is_asked_of_the_gap_workflow_stands_beside_what_the_last_set_reached():
     last = [case for seed in results.LATEST for case in results.blind_set(seed)]
     rows = {row[0]: row[1:] for row in _rows(results.gap_asked())}
-    assert sum(int(row[1].split(" of ")[1].split()[0]) for row in rows.values()) == len(last)
+    classes = ("one effect", "two effects", "nothing hidden", "an effect outside the catalogue")
+    counted = [row[1] for what, row in rows.items() if what.startswith(classes)]
+    assert sum(int(cell.split(" of ")[1].split()[0]) for cell in counted) == len(last)
     medium = results.chosen_of(last, "realistic", "medium")
     asked, reached, met, small = rows["one effect, medium, realistic"]
     part, whole = results.right(medium)
     assert (asked, reached.split(" (")[0]) == ("90%", f"{part} of {whole}")
     assert met == ("yes" if part >= 0.9 * whole else "no")
-    assert rows["two effects, both named"][2] == "no"
+    named, pairs = results.both(results.chosen_of(last, "pairs"))
+    assert rows["two effects, both named"][2] == ("yes" if named >= 0.9 * pairs else "no")
     assert int(small) == sum(map(results.gap_table.too_small, medium))
     assert rows["nothing hidden, realistic, verdict `none`"][2] == "yes"
+    singles = [r for r in last if r["set"] in ("clean", "realistic")]
+    explained = [r["found"]["closure"]["overall"] for r in singles if r["found"]["verdict"] == "explained"]
+    closed = sum(share >= 0.95 for share in explained)
+    _, reached, met, _ = rows["95 % of the gap closed, where it is called explained"]
+    assert reached.split(" (")[0] == f"{closed} of {len(explained)}"
+    assert met == ("yes" if closed >= 0.95 * len(explained) else "no")
+    told = [r for r in results.chosen_of(last, "outside") if not results.gap_table.DEPENDS[r["effects"][0]]]
+    right = sum(r["found"]["verdict"] == "unexplained" for r in told)
+    assert rows["an effect outside, said to depend on no signal of the instant"][1].startswith(
+        f"{right} of {len(told)} "
+    )
 
 
 def test_the_table_of_controllers_shows_the_worst_runs():
