@@ -78,9 +78,7 @@ def _compared(start: Beginning, outcome: Outcome, cutoff: float) -> Outcome:
     if outcome.verdict in GOOD or start.mistaken:
         return outcome
     outcome = without_doubtful_stamps(start, outcome, cutoff)
-    found = outcome.selection
-    left = (found.final_problem, found.final) if outcome.effects else (found.problem, found.null)
-    rough = unstated_noise(*left) if outcome.verdict in OPEN else []
+    rough = unstated_noise(outcome.selection, bool(outcome.effects)) if outcome.verdict in OPEN else []
     return replace(outcome, remarks=(*outcome.remarks, *remarks_on_contradiction(start), *rough))
 
 

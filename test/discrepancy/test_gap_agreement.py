@@ -91,15 +91,16 @@ def test_stamps_are_off_only_if_recordings_that_are_moved_fit_better(begun, late
 @pytest.mark.parametrize(
     ("verdict", "mistaken", "told"),
     [
-        ("unexplained", False, True),
-        ("described", False, True),
-        ("none", False, False),
-        ("partial", True, False),
+        ("unexplained", False, ("a", "b", "c")),
+        ("described", False, ("a", "b")),  # what is left is told
+        ("none", False, ("noisy", "stamped")),
+        ("partial", True, ("noisy", "stamped")),
     ],
 )
 def test_what_is_left_is_asked_of_the_recordings(monkeypatch, verdict, mistaken, told):
     monkeypatch.setattr(workflow, "_searched", lambda *_: Left(None, None, verdict=verdict))
     monkeypatch.setattr(workflow, "without_doubtful_stamps", lambda _, one, __: replace(one, remarks=("a",)))
     monkeypatch.setattr(workflow, "remarks_on_contradiction", lambda _: ["b"])
+    monkeypatch.setattr(workflow, "unstated_noise", lambda *_: ["c"])
     outcome = workflow.search(SimpleNamespace(mistaken=mistaken), SETTINGS)
-    assert outcome.remarks == (("a", "b") if told else ("noisy", "stamped"))
+    assert outcome.remarks == told

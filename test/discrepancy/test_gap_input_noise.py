@@ -145,9 +145,9 @@ def test_stamps_are_not_doubted_where_noise_alone_is_left(monkeypatch, noise, ke
 
 
 def test_noise_of_an_input_that_is_not_stated_is_said(start):
-    assert unstated_noise(start.problem, start.null) == []
+    assert unstated_noise(start, named=False) == []
     untold = _start(0.0)
-    (remark,) = unstated_noise(untold.problem, untold.null)
+    (remark,) = unstated_noise(untold, named=False)
     assert remark.startswith("current varies from row to row by 0.05")
     assert "write Input('current', 'A', noise=0.05) and search again" in remark
 

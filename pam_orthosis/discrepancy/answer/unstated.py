@@ -8,17 +8,19 @@ from pam_orthosis.discrepancy.fitting.fit import Fit
 from pam_orthosis.discrepancy.replay.noisy import forget, with_noise
 from pam_orthosis.discrepancy.replay.problem import Problem, sum_of_squares
 from pam_orthosis.discrepancy.replay.whitening import noise_levels
+from pam_orthosis.discrepancy.search.selection import Selection
 from pam_orthosis.discrepancy.systems.system import System
 
 ROUGHER = 1.5  # times the noise that is stated: below it that may be right
 LEAST = 0.25  # of the squares that are left: what noise leaves which is worth a word
 
 
-def unstated_noise(problem: Problem, model: Fit) -> list[str]:
+def unstated_noise(found: Selection, named: bool) -> list[str]:
     """Return a remark on each input whose noise, not stated, leaves much of what a model leaves.
 
-    The voltages of machines are commands: they are exact.
+    It is the model with all effects if they are `named`. The voltages of machines are commands: exact.
     """
+    problem, model = (found.final_problem, found.final) if named else (found.problem, found.null)
     if problem.system.input_period:
         return []
     left = sum_of_squares(problem.residuals(model.effects, model.values))

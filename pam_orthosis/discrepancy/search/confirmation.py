@@ -96,17 +96,8 @@ class Seen(NamedTuple):
 
 
 def confirmed(training: Problem, held_out: Problem, smaller: Fit, larger: Fit) -> Seen:
-    """Return how recordings that were not fitted see a larger model.
-
-    What it filters of the noise with which inputs were read shows nothing: it does not count. Nor does the
-    transfer then: noise is filtered in every recording.
-    """
+    """Return how recordings that were not fitted see a larger model."""
     (unseen, due), (seen, _) = (_falls(problem, smaller, larger) for problem in (held_out, training))
-    if stated(held_out.system):
-        before, after = (noise_squares(held_out, model) for model in (smaller, larger))
-        for one in held_out.system.equations:
-            unseen = unseen - block_sums(held_out, one, before[one.name] - after[one.name])
-        return Seen(t_value(unseen), 0.0, float(unseen.sum()), due)
     transfer = float(unseen.mean() / seen.mean()) if seen.mean() > LEAST_FALL else 0.0
     return Seen(t_value(unseen), transfer, float(unseen.sum()), due)
 
@@ -128,8 +119,16 @@ def leaves_noise_alone(problem: Problem, base: Fit) -> bool:
 
 
 def _falls(problem: Problem, smaller: Fit, larger: Fit) -> tuple[np.ndarray, float]:
-    """Return by how much squared residuals fall, block by block, and `Seen.due`."""
+    """Return by how much squared residuals fall, block by block, and `Seen.due`.
+
+    What the larger model filters of the noise with which inputs were read shows nothing: it does not count.
+    """
     falls, due = [], 0.0
+    if stated(problem.system):
+        left, kept = (noise_squares(problem, model) for model in (smaller, larger))
+        falls = [
+            block_sums(problem, one, kept[one.name] - left[one.name]) for one in problem.system.equations
+        ]
     for equation in problem.system.equations:
         before = problem.residual(equation, smaller.effects, smaller.values)
         after = problem.residual(equation, larger.effects, larger.values)
