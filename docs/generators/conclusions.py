@@ -4,12 +4,12 @@
 from statistics import median
 
 from generators import results
-from generators.results import BOUND, CONTROLLERS, LABELS, LATEST
+from generators.results import BOUND, CONTROLLERS, LABELS
 
 
 def gap() -> str:
     """Return how often the gap workflow is right."""
-    every, newest = results.blind_cases(), [case for seed in LATEST for case in results.blind_set(seed)]
+    every, newest = results.blind_cases(), results.latest_cases()
     medium, latest = (results.chosen_of(cases, "realistic", "medium") for cases in (every, newest))
     (found, tried), (now, asked) = results.right(medium), results.right(latest)
     both, pairs = results.both(results.chosen_of(every, "pairs"))

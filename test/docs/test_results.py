@@ -73,6 +73,8 @@ def test_conclusions_say_what_the_results_say(monkeypatch):
 
 def test_what_is_asked_of_the_gap_workflow_stands_beside_what_the_last_set_reached():
     last = [case for seed in results.LATEST for case in results.blind_set(seed)]
+    late = [case["seed"] for seed in results.LATEST_PAIRS for case in results.blind_set(seed)]
+    last = [case for case in last if case["set"] != "pairs" or case["seed"] in late]
     rows = {row[0]: row[1:] for row in _rows(results.gap_asked())}
     classes = ("one effect", "two effects", "nothing hidden", "an effect outside the catalogue")
     counted = [row[1] for what, row in rows.items() if what.startswith(classes)]
