@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inputs that are read with noise: what filters that noise is no effect, and moves no parameter."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import casadi as ca
@@ -11,11 +12,13 @@ from pam_orthosis.discrepancy.answer.between import remarks_on_inputs
 from pam_orthosis.discrepancy.answer.unstated import unstated_noise
 from pam_orthosis.discrepancy.api import Channel, Effect, Input, Model, Parameter, Quantity, from_arrays
 from pam_orthosis.discrepancy.fitting.fit import fit
+from pam_orthosis.discrepancy.fitting.projection import RanAway, _factor
 from pam_orthosis.discrepancy.fitting.unbiased import unbiased
 from pam_orthosis.discrepancy.preparation import beginning
 from pam_orthosis.discrepancy.preparation.beginning import begin
 from pam_orthosis.discrepancy.recordings.stamps import Skew
 from pam_orthosis.discrepancy.replay.whitening import drawn
+from pam_orthosis.discrepancy.search import select, selection
 from pam_orthosis.discrepancy.search.confirmation import confirmed
 from pam_orthosis.discrepancy.search.filtered import is_rounding
 from pam_orthosis.discrepancy.search.selection import Selection
@@ -150,6 +153,26 @@ def test_noise_of_an_input_that_is_not_stated_is_said(start):
     (remark,) = unstated_noise(untold, named=False)
     assert remark.startswith("current varies from row to row by 0.05")
     assert "write Input('current', 'A', noise=0.05) and search again" in remark
+
+
+def test_a_stated_model_that_leaves_noise_alone_is_not_fitted_to_noise(start, monkeypatch):
+    """Else the search would start from parameters that the noise has moved."""
+    far = replace(start.null, values={**start.null.values, "mass": 5.0})
+    found = select.extended(start.problem, far, start.held_out, load().gap.evidence)
+    assert (found.steps, found.final.values["mass"]) == ([], 0.0)
+    monkeypatch.setattr(select, "leaves_noise_alone", lambda *_: False)
+    monkeypatch.setattr(select, "_round", lambda *_: selection.Step(None, None, None, 0.0, 0.0, (), "none"))
+    found = select.extended(start.problem, start.null, start.held_out, load().gap.evidence)
+    assert [one.reason for one in found.steps] == ["none"]
+
+
+def test_a_search_ends_where_derivatives_of_its_model_run_away(start, monkeypatch):
+    with pytest.raises(RanAway, match="run away"):
+        _factor(np.array([[np.inf, 0.0], [0.0, 1.0]]))
+    monkeypatch.setattr(select, "leaves_noise_alone", lambda *_: False)
+    monkeypatch.setattr(select, "_round", lambda *_: _factor(np.full((2, 2), np.nan)))
+    found = select.extended(start.problem, start.null, start.held_out, load().gap.evidence)
+    assert (found.steps, found.final.effects) == ([], ())
 
 
 def test_a_search_names_nothing_where_noise_is_stated_and_says_so_where_it_is_not(start):

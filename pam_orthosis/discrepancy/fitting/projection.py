@@ -156,8 +156,14 @@ class Projection:
         return {one.name: float(x * one.scale) for one, x in zip(self.base.free, position, strict=True)}
 
 
+class RanAway(OrthosisError):
+    """Derivatives of a model grow beyond all numbers: nothing can be told from them."""
+
+
 def _factor(hessian: np.ndarray) -> tuple[np.ndarray, bool]:
     """Return the Cholesky factor, with as little of the diagonal added as rounding asks for."""
+    if not np.isfinite(hessian).all():
+        raise RanAway("derivatives of the model run away: check the recordings' columns, signs and units")
     for share in (1e-9, 1e-6):
         with suppress(np.linalg.LinAlgError):
             factor: tuple[np.ndarray, bool] = cho_factor(hessian + share * np.diag(np.diag(hessian)))

@@ -8,7 +8,7 @@ from pam_orthosis.discrepancy.fitting import refit
 from pam_orthosis.discrepancy.fitting.candidates import Candidate, twins
 from pam_orthosis.discrepancy.fitting.fit import Fit, fit, score
 from pam_orthosis.discrepancy.fitting.free import scales_of
-from pam_orthosis.discrepancy.fitting.projection import Projection
+from pam_orthosis.discrepancy.fitting.projection import Projection, RanAway
 from pam_orthosis.discrepancy.fitting.refit import (
     at_best_level,
     better,
@@ -20,9 +20,10 @@ from pam_orthosis.discrepancy.fitting.refit import (
 from pam_orthosis.discrepancy.fitting.unbiased import unbiased
 from pam_orthosis.discrepancy.replay.problem import Problem
 from pam_orthosis.discrepancy.replay.replay import Replay
+from pam_orthosis.discrepancy.replay.whitening import stated
 from pam_orthosis.discrepancy.search import selection
 from pam_orthosis.discrepancy.search.acceptance import accepted
-from pam_orthosis.discrepancy.search.confirmation import ranking, weighed
+from pam_orthosis.discrepancy.search.confirmation import leaves_noise_alone, ranking, weighed
 from pam_orthosis.discrepancy.search.delays import or_for_delays
 from pam_orthosis.discrepancy.search.elimination import eliminate_weak, make_plain
 from pam_orthosis.discrepancy.search.exchange import exchanged
@@ -63,9 +64,14 @@ def extended(
         settings: `gap.evidence`.
         progress: is called with what is worked on.
     """
+    if (nominal := _with_noise_alone(problem, base, held_out)) is not None:
+        return Selection(problem, nominal, problem, nominal)
     found = Selection(problem, base, problem, base, present=_earned(problem, base, progress))
     while len(known := found.final.effects) < settings.effects:
-        step = _round(found, held_out, settings, progress)
+        try:
+            step = _round(found, held_out, settings, progress)
+        except RanAway:
+            break
         if step.blocked:
             step = or_in_silence(found, held_out, step, settings, progress)
         if step.blocked:
@@ -88,6 +94,16 @@ def extended(
     found.final = refit.estimated(problem.system, unbiased(found.final_problem, found.final))
     found.null = found.final if alone else found.null
     return found
+
+
+def _with_noise_alone(problem: Problem, base: Fit, held_out: Problem) -> Fit | None:
+    """Return the model as it is stated, where that leaves noise alone, and inputs are read with noise.
+
+    That noise would be fitted by parameters, and by what filters it, though nothing is missing.
+    """
+    nominal = replace(base, values={**base.values, **{one.name: one.centre for one in base.free}})
+    alone = stated(problem.system) and all(leaves_noise_alone(one, nominal) for one in (problem, held_out))
+    return nominal if alone else None
 
 
 def _added(found: Selection, step: Step, progress: Progress) -> bool:
